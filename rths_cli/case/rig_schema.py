@@ -83,6 +83,7 @@ class SensorKeys(Strict):
 class SensorsSpec(SensorKeys):
     """Hold the accelerometers of a virtual table and its floors; 0 switches a corner or the noise off."""
 
+    sensitivity_uncertainty: Relative = Field(default=0.0, description=f"{UNCERTAINTY}; default: 0, as declared")
     sensitivity_mv_per_g: Annotated[float, Range(gt=0, le=1e6)] = Field(default=1000.0, description=SENSITIVITY)
     range_g: Annotated[float, Range(gt=0, le=1e4)] = Field(default=5.0, description=CLIPS)
     high_pass_hz: Annotated[float, Range(ge=0, le=100)] = Field(default=0.024, description=HIGH_PASS)
@@ -139,6 +140,22 @@ class NominalSpec(Strict):
     payload_kg: Annotated[float, Range(gt=0, le=1e6)] = Field(default=23.0, description=PAYLOAD)
 
 
+class UncertaintySpec(Strict):
+    """Hold standard uncertainties of what is declared, beside those of sensitivities; 0: exactly as declared."""
+
+    corner: Annotated[float, Range(ge=0, le=0.5)] = Field(
+        default=0.1, description="of the corner of an AC coupling, relative"
+    )
+    skew_s: Annotated[float, Range(ge=0, le=1e-3)] = Field(
+        default=25e-6, description="of the instant at which a channel is sampled, its low pass included"
+    )
+    mass: Annotated[float, Range(ge=0, le=0.1)] = Field(default=0.003, description="of a weighed floor mass, relative")
+
+
+EXACT = UncertaintySpec(corner=0.0, skew_s=0.0, mass=0.0)
+DECLARED = "standard uncertainties of what is declared; what the identification shows better, it corrects"
+
+
 class RigSpec(Strict):
     """Hold what the file of every shake table states; each kind of rig adds its own keys."""
 
@@ -150,6 +167,7 @@ class RigSpec(Strict):
     converters: ConvertersSpec = Field(default=ConvertersSpec(), description=CONVERTERS)
     limits: LimitsSpec = Field(default=LimitsSpec(), description=LIMITS)
     nominal: NominalSpec = Field(default=NominalSpec(), description=NOMINAL)
+    uncertainty: UncertaintySpec = Field(default=UncertaintySpec(), description=DECLARED)
 
 
 ONLY_REAL = "belongs to a real rig; remove it"
@@ -168,6 +186,7 @@ class VirtualRigSpec(RigSpec):
     channels: tuple[FurtherChannelSpec, ...] | None = Field(
         default=None, min_length=1, max_length=MOST_CHANNELS - 2, description=FURTHER
     )
+    uncertainty: UncertaintySpec = Field(default=EXACT, description=f"{DECLARED}; default: all 0")
     physics: VirtualPhysics = Field(default=VirtualPhysics(), description="what only the virtual table itself knows")
     after_identification: AfterIdentification = Field(
         default=AfterIdentification(), description="what changes on the rig after it was identified; 1 changes nothing"

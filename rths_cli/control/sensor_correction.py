@@ -6,8 +6,33 @@ from dataclasses import replace
 
 import numpy as np
 
-from rths_cli.numerics.lti import Block
+from rths_cli.numerics.lti import Array, Block
 from rths_cli.rigs.description import Channel
+
+
+def recorrected(accel: Array, before: tuple[Channel, ...], after: tuple[Channel, ...], dt_s: float) -> Array:
+    """Return motions (c, n) in m/s^2 that were corrected by the channels of `before` as those of `after` correct them,
+    as if the first sample had lasted."""
+    from scipy import signal
+
+    made = np.empty_like(accel)
+    for i, (old, new) in enumerate(zip(before, after, strict=True)):
+        over, under = _polynomial(new, dt_s), _polynomial(old, dt_s)
+        made[i] = signal.lfilter(over, under, accel[i], zi=signal.lfilter_zi(over, under) * accel[i, 0])[0]
+    return made
+
+
+def _polynomial(channel: Channel, dt_s: float) -> Array:
+    """Return the numerator (4,) of a channel's correction in powers of 1/z; its denominator is 1 - 1/z."""
+    half, lead = _corner_terms(channel, dt_s)
+    low_pass = np.array([1.0 + 1.5 * lead, -2.0 * lead, 0.5 * lead])
+    return np.convolve(low_pass, [1.0 + half, half - 1.0]) / channel.sensitivity_v_per_unit
+
+
+def _corner_terms(channel: Channel, dt_s: float) -> tuple[float, float]:
+    """Return w_h dt / 2 of the AC coupling and T / dt of the low pass, 0 for a corner that there is none of."""
+    lead = 1.0 / (2.0 * np.pi * channel.low_pass_hz * dt_s) if channel.low_pass_hz > 0.0 else 0.0
+    return np.pi * channel.high_pass_hz * dt_s, lead
 
 
 def correction(channels: tuple[Channel, ...], dt_s: float, corners: bool = True) -> Block:
@@ -25,8 +50,7 @@ def correction(channels: tuple[Channel, ...], dt_s: float, corners: bool = True)
     c, d = np.zeros((count, 3 * count)), np.zeros((count, count))
     for i, channel in enumerate(channels):
         scale = 1.0 / channel.sensitivity_v_per_unit
-        half = np.pi * channel.high_pass_hz * dt_s if corners else 0.0
-        lead = 1.0 / (2.0 * np.pi * channel.low_pass_hz * dt_s) if corners and channel.low_pass_hz > 0.0 else 0.0
+        half, lead = _corner_terms(channel, dt_s) if corners else (0.0, 0.0)
         last, before, total = 3 * i, 3 * i + 1, 3 * i + 2
         b[last, i], a[before, last], a[total, total] = 1.0, 1.0, 1.0
         # y = x_k, x_k-1, x_k-2 times these; its integral grows by half (y_k + y_k-1)

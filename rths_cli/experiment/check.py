@@ -14,9 +14,11 @@ from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, loop_roots,
 from rths_cli.analysis.closed_loop_response import loop_response
 from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.analysis.fourier_lines import lines_for
+from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.predicted_error import Known, predict
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim_fourier_lines import delayed_rms, sim_lines
+from rths_cli.analysis.true_error import best_remedy, sensitivities, true_error
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.identified_rig_block import IdentifiedRig
     from rths_cli.analysis.predicted_error import Prediction
     from rths_cli.analysis.sim import Response
+    from rths_cli.analysis.true_error import Remedy, TrueError
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.setup import Setup
     from rths_cli.experiment.simulated_test import Simulated
@@ -59,12 +62,15 @@ class Judged:
     building: tuple[Array, Array]  # frequencies in Hz and damping ratios (n,) of the building with identified specimen
     in_loop: tuple[Array, Array]  # the same of the nearest modes of the loop
     sim_delay_rms_m_s2: Array | None  # (n_storeys,) RMS errors of SIM-DELAY; None if it would diverge
+    sim_rms_m_s2: Array  # (n_storeys,) RMS of SIM of the building as identified, in the test band
     friction_v: float  # friction of the table as a command, as used in the prediction
     largest_scaling: float  # up to which the test is safe; 0 if no scaling makes it safe
     known: Known | None  # inputs of the prediction; None for an unstable loop
     samples: tuple[Judged, ...] = ()  # the same of each sample of the identified model
     tangents: tuple[TangentVerdict, ...] = ()  # at rest and at the tangents of laws; none for a linear building
     simulated: Simulated | None = None  # the test of a building with laws; None: linear, or the loop is unstable
+    true_error: TrueError | None = None  # None: sensors and masses are exactly as declared, or the loop is unstable
+    remedy: Remedy | None = None  # what would lower the bound of the true error most
 
 
 def preflight_of(setup: Setup, identified: Identification, design: Design) -> preflight.Preflight:
@@ -105,6 +111,7 @@ def _judge_sample(setup: Setup, sample: Identification, design: Design, shared: 
 
 def _judge_one(setup: Setup, identified: Identification, design: Design, shared: SharedValues) -> Judged:
     """Check a case's hybrid test on one member of the identified model, without its samples."""
+    setup = setup.calibrated(identified)
     dt, whole, as_designed = setup.rig.dt_s, _with_laws(setup, identified, design), design
     design = replace(design, blocks=design.blocks.linearised())
     building = at_rest(whole)
@@ -137,12 +144,31 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
         largest = 0.0
     elif whole.has_laws:  # its response does not grow with the record: only this scaling was simulated
         largest = min(largest, 0.0 if simulated is None or simulated.faults else setup.case.scaling)
+    uncertain = None if stable is None else _true_error(setup, identified, known, stable)
     friction = identified.friction.command_v if identified.friction else 0.0
     delayed = (
         _delayed_with_laws(setup, whole, shared) if whole.has_laws else _sim_delay(setup, building, known, critical)
     )
     seen = known if found.radius < 1.0 else None
-    return Judged(verdict, own, looped, delayed, friction, largest, seen, (), tangents, simulated)
+    sim_rms = rms(known.lines.evaluated(known.sim))
+    return Judged(
+        verdict, own, looped, delayed, sim_rms, friction, largest, seen, (), tangents, simulated,
+        *(uncertain or (None, None)),
+    )  # fmt: skip
+
+
+def _true_error(
+    setup: Setup, identified: Identification, known: Known, prediction: Prediction
+) -> tuple[TrueError, Remedy | None] | None:
+    """Return the distribution of the true error and the best remedy; None where nothing is uncertain."""
+    calibration = identified.calibration
+    if calibration is None:
+        return None
+    building = at_rest(as_identified(setup, _specimen(identified)))
+    corners = np.array([channel.high_pass_hz if setup.removes_sensors else 0.0 for channel in setup.rig.channels])
+    by_calibration = sensitivities(building, known.lines, known.sim, corners)
+    loop = prediction.total.storeys
+    return true_error(by_calibration, calibration, loop), best_remedy(by_calibration, calibration, loop)
 
 
 def _with_laws(setup: Setup, identified: Identification, design: Design) -> Building:

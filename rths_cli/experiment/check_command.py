@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from rths_cli.analysis.closed_loop_matrix import open_loop
 from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
 from rths_cli.errors import InputError, LimitError, RigError
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.predicted_error import Known as LoopKnown
     from rths_cli.case.case_schema import Case
     from rths_cli.control.part_designs import OwnParts
+    from rths_cli.experiment.check import Judged
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_choice import Known
     from rths_cli.experiment.setup import OwnSamples, Progress, Setup
@@ -46,6 +49,7 @@ class Verdict:
     figures: dict[str, ArrayLike]  # metrics `check.*` by path
     loop: LoopKnown | None = None  # inputs of the error budget; None: the loop is unstable or was not judged
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
+    true_error: str = ""  # a sentence on the true error and what would lower its bound; "" where nothing is uncertain
 
     @property
     def remarks(self) -> dict[str, str]:
@@ -131,7 +135,37 @@ def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, sha
     found = judged.preflight
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
     tangents = tuple(one.name for one in judged.tangents)
-    return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged), judged.known, tangents)
+    said = _on_true_error(setup, judged)
+    return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged), judged.known, tangents, said)
+
+
+def _on_true_error(setup: Setup, judged: Judged) -> str:
+    """Return a sentence on the true error at the worst storey, and on the measurement that would lower its bound most.
+
+    Errors are given in percent of SIM-DELAY's, or of SIM's where that diverges.
+    """
+    uncertain, remedy = judged.true_error, judged.remedy
+    if uncertain is None:
+        return ""
+    scale, of_what = judged.sim_delay_rms_m_s2, "SIM-DELAY's error"
+    if scale is None or not np.all(scale > 0.0):
+        scale, of_what = judged.sim_rms_m_s2, "SIM's RMS"
+    worst = int(np.argmax(uncertain.bound / scale))
+    share = 100.0 / float(scale[worst])
+    told = (
+        f"true error: with 95 % below {share * uncertain.bound[worst]:.2g} % of {of_what} (storey {worst + 1}), below "
+        f"{share * uncertain.median[worst]:.2g} % with 50 %, {share * uncertain.calibration[worst]:.2g} % by sensors "
+        "and masses as far as the identification did not calibrate them"
+    )
+    if remedy is None:
+        return told
+    channels = setup.rig.channels
+    if remedy.parameter < len(channels):
+        what = f"a comparison of the sensor of {channels[remedy.parameter].name} to {100.0 * remedy.error:.2g} %"
+    else:
+        floor = channels[1 + remedy.parameter - 3 * len(channels)].name
+        what = f"weighing {floor} to {100.0 * remedy.error:.2g} %"
+    return f"{told}; {what} would lower the bound to {share * remedy.bound[worst]:.2g} %"
 
 
 def check_cases(
@@ -180,6 +214,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     )
     told = () if "model" in setup.overrides else known.found.reasons
     notes = tuple(note for note in of_case(setup, known.found, found.design) if note not in told)
+    notes = (*((found.true_error,) if found.true_error else ()), *notes)
     return Checked(_about(setup, known.source), found.verdict, found.reasons, notes, figures, found.tangents)
 
 

@@ -30,6 +30,7 @@ REACH = {
 }
 
 
+TRUE_ERROR = {"true_error": "median", "true_error_bound": "bound", "calibration_error": "calibration"}
 LARGEST = "check.largest_scaling"
 DECLARED = tuple(f"check.limit_{name}" for name in REACH.values())  # metrics that no identification changes
 
@@ -60,6 +61,8 @@ def _figures(judged: Judged) -> dict[str, ArrayLike]:
     if judged.sim_delay_rms_m_s2 is not None:
         values["check.sim_delay_rms_error_m_s2"] = judged.sim_delay_rms_m_s2
     values |= _tangents(judged.tangents)
+    if judged.true_error is not None:
+        values |= {f"check.{name}_m_s2": getattr(judged.true_error, field) for name, field in TRUE_ERROR.items()}
     if judged.simulated is not None:
         values |= judged.simulated.response
     if found.prediction is None:

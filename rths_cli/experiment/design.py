@@ -46,6 +46,7 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
     They are designed from the nominal model; the check judges them on its samples too.
     With `shared`, cases with the same model and weights design the feedback once, whatever their building.
     """
+    setup = setup.calibrated(identified)
     case, dt, shared = setup.case, setup.rig.dt_s, shared or SharedValues()
     best = case.method == "best"
     model = identified.best if best else identified.paper

@@ -38,6 +38,7 @@ def loop_parts(setup: Setup, identified: Identification, there: Specimen | None 
     table moves as the other reaction makes it; without, its response stays as identified.
     """
     assert identified.specimen is not None  # every case has experimental storeys
+    setup = setup.calibrated(identified)
     specimen, model, compared = identified.specimen.specimen, identified.best, setup.compared
     judged = specimen if there is None or counters_reaction(setup.case) else there
     rig = identified_rig(model, judged, setup.rig, setup.removes_sensors, compared)

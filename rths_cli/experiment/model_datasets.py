@@ -13,6 +13,7 @@ import numpy as np
 from rths_cli.files.hdf5 import Dataset, as_declared
 from rths_cli.identification.results import (
     Band,
+    Calibration,
     Candidate,
     ChannelReport,
     DelayEstimate,
@@ -70,6 +71,8 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
         groups["friction"] = _fields(found.friction)
     if found.latency is not None:
         groups["latency"] = _fields(found.latency)
+    if found.calibration is not None:
+        groups["calibration"] = _fields(found.calibration)
     if found.causes.table or found.causes.storeys:
         groups["level_causes"] = _fields(found.causes)
     for table in TABLES:
@@ -96,6 +99,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         verdict=_made(Verdict, groups["verdict"]),
         friction=_made(Friction, groups["friction"]) if "friction" in groups else None,
         latency=_made(DelayEstimate, groups["latency"]) if "latency" in groups else None,
+        calibration=_made(Calibration, groups["calibration"]) if "calibration" in groups else None,
         causes=_made(LevelCauses, groups.get("level_causes", {})),
         compared=_made(ComparedBand, groups.get("compared", {})),
         **tables,

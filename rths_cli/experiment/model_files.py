@@ -127,11 +127,13 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
 
 
 def _identified_rig(table: RigSpec) -> str:
-    """Return what of a rig file a model depends on; further channels are no part of the identification."""
+    """Return what of a rig file a model depends on; further channels and a usual uncertainty are no part of it."""
+    usual = type(table).model_fields["uncertainty"].default
+    beside = HARDWARE_ONLY | ({"uncertainty": True} if table.uncertainty == usual else {})
     if isinstance(table, RealRigSpec):
         own = table.model_copy(update={"channels": table.accelerometers or None})
-        return own.model_dump_json(exclude=HARDWARE_ONLY)
-    return table.model_dump_json(exclude={**HARDWARE_ONLY, "channels": True})
+        return own.model_dump_json(exclude=beside)
+    return table.model_dump_json(exclude={**beside, "channels": True})
 
 
 def _specimen_hash(setup: Setup) -> str:

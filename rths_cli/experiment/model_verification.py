@@ -29,6 +29,7 @@ def verify(setup: Setup, known: Identification, progress: Progress) -> tuple[tup
     response at low level differs from that at full level. If the identification had a record at low level, the two
     records at low level are compared.
     """
+    setup = setup.calibrated(known)
     _, record = probed(setup, progress, VERIFICATION)
     faults = channel_signals.signal_faults(record, setup.rig)
     if faults:
@@ -98,4 +99,5 @@ def seen_specimen(setup: Setup, known: Identification, record: Record) -> Specim
     table = without_staircase(record.accel_m_s2[0], record.command_v, known.best)
     motion = Motion(table, record.accel_m_s2[1:]).cut(record.parts.noise)
     first = Start(known.specimen.stiffness_n_per_m, known.specimen.damping_ratio)
-    return fit_stretches([motion], setup.rig.dt_s, setup.floor_masses_kg, known.best.band_hz[0], first, free=False)
+    masses = known.specimen.specimen.masses_kg
+    return fit_stretches([motion], setup.rig.dt_s, masses, known.best.band_hz[0], first, free=False)

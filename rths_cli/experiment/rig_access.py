@@ -31,12 +31,14 @@ def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
     change that the rig file states under `after_identification`. Raises InputError or RigError if a plug-in cannot
     create its rig.
     """
-    return driver(setup.case, setup.rig, setup.building, (seed, *stream), _changed(stream))
+    return driver(setup.case, setup.declared_rig or setup.rig, setup.building, (seed, *stream), _changed(stream))
 
 
 def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
     """Return the case's virtual rig with the noise stream of one run."""
-    return virtual_driver(setup.case, setup.rig, setup.building, (seed, *stream), _changed(stream))
+    return virtual_driver(
+        setup.case, setup.declared_rig or setup.rig, setup.building, (seed, *stream), _changed(stream)
+    )
 
 
 def _changed(stream: tuple[int, ...]) -> bool:

@@ -112,7 +112,7 @@ def _block(name: str, stored: Mapping[str, Any]) -> Block:
 def expected_of(setup: Setup, identified: Identification, blocks: Blocks) -> Expected:
     """Return the prediction with which the channels of a run with these blocks are compared."""
     assert identified.specimen is not None  # every case has experimental storeys
-    specimen = identified.specimen.specimen
+    setup, specimen = setup.calibrated(identified), identified.specimen.specimen
     rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors, setup.compared)
     late = max(rig.latency_samples, 1)
     return Expected(rig.plant, rig.correction, blocks.correction, blocks.estimator, *rig.alias_left(blocks), late)

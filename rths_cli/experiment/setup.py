@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +19,7 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.ground_motion import GroundMotion, compressed, prepare
 from rths_cli.experiment.own_parts import with_own_storeys
 from rths_cli.files.accelerograms import read_accelerogram
+from rths_cli.identification.sensor_calibration import calibrated
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Array
@@ -55,7 +56,16 @@ class Setup:
     parts: OwnParts = field(default_factory=dict)  # of the step, made by the caller in place of the designed ones
     samples: OwnSamples = ()  # of the identified model, the caller's
     own_numerical: PartDesign | None = None  # the caller's numerical substructure
+    declared_rig: RigInfo | None = None  # with the sensors as declared, where `rig` has them as calibrated
     declared: bool = False  # whether `building` is the one that it declares, and not the case's
+
+    def calibrated(self, found: Identification) -> Setup:
+        """Return the setup on a rig whose sensors are those that an identification found."""
+        if found.calibration is None:
+            return self
+        declared = self.declared_rig or self.rig
+        rig = replace(declared, channels=calibrated(declared.channels, found.calibration))
+        return replace(self, rig=rig, declared_rig=declared)
 
     @property
     def knows_storeys(self) -> bool:

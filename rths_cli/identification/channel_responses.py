@@ -29,6 +29,7 @@ SURE = 3.0  # standard uncertainties
 DIRECTION_HZ, DIRECTION = 3.0, 0.5
 FOLLOWS = 0.5  # least slope (power of frequency) of an acceleration in response to a displacement command
 REFUSED_GAIN, REFUSED_MASS = 0.03, 0.3  # errors of a sensitivity or mass beyond which channels are refused
+BEYOND_DECLARED = 5.0  # standard uncertainties of a sensitivity beyond which channels are refused
 SAID, UNEXPLAINED = 10.0, 30.0  # unexplained misfit, in standard deviations, for a warning and for a refusal
 CALM = 0.2  # a chain explains the low level if it leaves at most this fraction of the misfit at full level
 TRUE_MOTION = 10.0  # largest misfit of single lines, in standard deviations, at which channels show a chain's motion
@@ -225,7 +226,7 @@ def _named(found: Sequence[Suspect], info: RigInfo, direction: float) -> Judgeme
     said = sentences[0]
     if len(sentences) > 1:
         said = "one of these, between which the channels do not tell: " + "; or ".join(sentences)
-    return Judgement((said,)) if _refused(found[0]) else Judgement((), (said,))
+    return Judgement((said,)) if _refused(found[0], info) else Judgement((), (said,))
 
 
 def _by_command(found: Sequence[Suspect], direction: float) -> Sequence[Suspect]:
@@ -237,9 +238,10 @@ def _by_command(found: Sequence[Suspect], direction: float) -> Sequence[Suspect]
     return [each for each in found if each.kind != SIGN or (0 in each.channels) == table]
 
 
-def _refused(found: Suspect) -> bool:
-    """Tell whether a fault is too large for the channels to be used."""
-    least = {GAIN: REFUSED_GAIN, MASS: REFUSED_MASS}.get(found.kind)
+def _refused(found: Suspect, info: RigInfo) -> bool:
+    """Tell whether a fault is too large for the channels to be used; of a sensitivity, larger than declared."""
+    gain = max(REFUSED_GAIN, BEYOND_DECLARED * max(channel.uncertainty for channel in info.channels))
+    least = {GAIN: gain, MASS: REFUSED_MASS}.get(found.kind)
     return least is None or abs(found.size - 1.0) > least
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rths_cli.control.sensor_correction import recorrected
 from rths_cli.identification import (
     channel_responses,
     channel_signals,
@@ -24,6 +25,7 @@ from rths_cli.identification.inputs import Evidence, IdentificationSettings, evi
 from rths_cli.identification.model_order import doubtful
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import (
+    Calibration,
     ChannelReport,
     DelayEstimate,
     Friction,
@@ -35,10 +37,11 @@ from rths_cli.identification.results import (
     Verdict,
 )
 from rths_cli.identification.root_uncertainty import shifts
+from rths_cli.identification.sensor_calibration import calibrate, calibrated, priors_of
 from rths_cli.identification.specimen_fit import Start
 from rths_cli.identification.table_fit import beyond_scatter, fit_error, rms, within
 from rths_cli.numerics.lti import Array, Frf, Model
-from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.description import Channel, RigInfo
 
 NOISE_SHARE = 0.5  # noise at rest explains the scatter of the data if it is at least this fraction of it
 LEAST_LEVELS = 1.5  # smallest ratio of full to low level at which friction is judged
@@ -82,6 +85,35 @@ def identify(
     if channels are dead, clipped, incoherent, swapped or have the wrong sign.
     """
     data = evidence(records, quiet, info, floor_masses_kg, settings or IdentificationSettings())
+    declared = _identified(data, given)
+    calibration = _calibration(data, declared) if info.calibrates and len(data.masses_kg) else None
+    if calibration is None:
+        return declared
+    channels = calibrated(info.channels, calibration)
+    corrected = [_recorrected(record, info.channels, channels, info.dt_s) for record in records]
+    low = _recorrected(quiet, info.channels, channels, info.dt_s) if quiet else None
+    there = replace(info, channels=channels)
+    data = evidence(corrected, low, there, data.masses_kg * calibration.mass, data.settings)
+    return replace(_identified(data, given), calibration=calibration)
+
+
+def _recorrected(record: Record, before: tuple[Channel, ...], after: tuple[Channel, ...], dt_s: float) -> Record:
+    """Return a record corrected for other sensors than it was."""
+    return Record(record.command_v, recorrected(record.accel_m_s2, before, after, dt_s), record.parts)
+
+
+def _calibration(data: Evidence, declared: Identification) -> Calibration:
+    """Return the sensors and masses that the records show, from an identification with those that are declared."""
+    assert declared.specimen is not None
+    start = Start(declared.specimen.stiffness_n_per_m, declared.specimen.damping_ratio)
+    priors = priors_of(data.info, data.settings.sensors_removed)
+    seen, low_hz = identify_specimen.motions(data, declared.best, free=False), identify_specimen.lowest_hz(data, start)
+    return calibrate(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
+
+
+def _identified(data: Evidence, given: Model | None) -> Identification:
+    """Return the identification of table and specimen with sensors and masses as they are given."""
+    info, settings = data.info, data.settings
     frfs, reports, warnings = _responses(data)
     data = data.up_to(coherent_up_to(frfs[0], data.settings.band_hz[1], data.settings.compared))
     start = identify_specimen.first_look(data)

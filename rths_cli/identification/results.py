@@ -155,6 +155,27 @@ class DelayEstimate:
 
 
 @dataclass(frozen=True)
+class Calibration:
+    """Sensors (c,) and weighed masses (n,) relative to what is declared, as an identification found them.
+
+    A sensor reads `gain` times what its declared sensitivity lets expect, its AC corner is `coupling` times the
+    declared one, and it lags by `late_s` beyond its declared dynamics; `mass` is the true mass over the weighed one.
+    `covariance` (3 c + n, 3 c + n) is that of log gain, log coupling, late_s and log mass, one after the other, given
+    the record and what is declared.
+    """
+
+    gain: Array
+    coupling: Array
+    late_s: Array
+    mass: Array
+    covariance: Array
+
+    def error_of(self, combination: Array) -> float:
+        """Return the standard uncertainty of a linear combination (3 c + n,) of the covariance's parameters."""
+        return float(np.sqrt(combination @ self.covariance @ combination))
+
+
+@dataclass(frozen=True)
 class Identification:
     """The complete result of an identification: the nominal model and, with `samples`, its uncertainty.
 
@@ -182,6 +203,7 @@ class Identification:
     latency: DelayEstimate | None = None
     causes: LevelCauses = LevelCauses()  # of a difference between the levels
     compared: ComparedBand = USUAL  # band in which the models were compared with the data
+    calibration: Calibration | None = None  # of sensors and masses; None: they are exactly as declared
     # equally likely identifications, without samples themselves; (): the model's uncertainty is not known as a whole
     samples: tuple[Identification, ...] = ()
 

@@ -273,6 +273,13 @@ def _of_check() -> Iterator[Quantity]:
         yield Quantity(f"check.limit_{leaf}", units, "", NONE, f"{name}: limit")
     late = "RMS of SIM - SIM-DELAY of the building as identified"
     yield Quantity("check.sim_delay_rms_error_m_s2", ACCEL, "storey", NONE, late, (), BAND, scales_as=ACCEL)
+    for name, text in (
+        ("true_error", "true RMS error that is as likely exceeded as not"),
+        ("true_error_bound", "true RMS error that is not exceeded with 95 %"),
+        ("calibration_error", "part of the true RMS error by sensors and masses, root mean square"),
+    ):
+        about = f"{text}, by the uncertainty of the calibration, against SIM with the specimen as it is"
+        yield Quantity(f"check.{name}_m_s2", ACCEL, "storey", NONE, about, (), BAND, scales_as=ACCEL)
     yield from _of_tangents()
     drift = "largest |inter-storey drift| of the test simulated on the identified rig (where storeys have laws)"
     yield Quantity("check.peak_inter_storey_drift_m", "m", "storey", NONE, drift, scales_as="m")

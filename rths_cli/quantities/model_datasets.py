@@ -22,6 +22,7 @@ GROUPS = {
     "compared": "The band in which the models were compared with their data.",
     "friction": "Dry friction of the table, as the change of the command that it is worth.",
     "latency": "Delay from command to table: converter, hold and transport.",
+    "calibration": "Sensors and weighed masses relative to what is declared, as the records show them.",
     "level_causes": "What makes the responses at low and at full level differ.",
     "channels": "A row per channel: what it showed under excitation.",
     "candidates": "A row per model order that was tried.",
@@ -147,6 +148,16 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("identified_s", "s", (), "as identified"),
             ("error_s", "s", (), f"{unsure} the identified delay"),
             ("declared_s", "s", (), "as the rig declares it"),
+        ),
+        "calibration": (
+            ("gain", "1", ("channel",), "reading of a channel over that by its declared sensitivity"),
+            ("coupling", "1", ("channel",), "corner of a channel's AC coupling over the declared one"),
+            ("late_s", "s", ("channel",), "lag of a channel beyond its declared dynamics"),
+            ("mass", "1", FLOORS, "mass of a floor over the weighed one"),
+            (
+                "covariance", "1", ("parameter", "of_parameter"),
+                "of log gain, log coupling, late_s (in s) and log mass, one after the other",
+            ),
         ),
         "level_causes": (
             ("table", "1", ("table_entry",), "causes in the table, the likeliest first"),

@@ -51,6 +51,10 @@ SIMULATED = (
     ("residual drift, mm", "residual_drift_m", 1e3),
     ("work of spring and laws, J", "restoring_work_j", 1.0),
 )
+TRUE_ERRORS = (
+    ("true error over SIM-DELAY, median", "check.true_error_m_s2"),
+    ("the same, not exceeded with 95 %", "check.true_error_bound_m_s2"),
+)
 TANGENT_SCALES = (
     ("tolerated_table_error", 100.0),
     ("required_table_error", 100.0),
@@ -265,6 +269,9 @@ def _compared(values: Values, about: Tested) -> list[str]:
     rows.append([f"{late}, mm/s^2", *(number(1e3 * value) for value in delayed)])
     shares = [number(one / late) if late > 0.0 else DASH for one, late in zip(error, delayed, strict=True)]
     rows.append(["predicted over SIM-DELAY", *shares])
+    for label, path in TRUE_ERRORS:
+        if path in values:
+            rows.append([label, *(number(one / late) for one, late in zip(values[path], delayed, strict=True))])
     return [*lines, *aligned(rows)]
 
 

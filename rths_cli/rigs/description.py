@@ -88,6 +88,21 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class Uncertainty:
+    """Standard uncertainties of what a laboratory declares beside sensitivities: AC corners and weighed masses relative
+    to their values, the instants at which channels are sampled in s. 0: exactly as declared."""
+
+    corner: float = 0.1
+    skew_s: float = 25e-6
+    mass: float = 0.003
+
+    @property
+    def any(self) -> bool:
+        """Return whether anything may differ from what is declared."""
+        return max(self.corner, self.skew_s, self.mass) > 0.0
+
+
+@dataclass(frozen=True)
 class RigInfo:
     """All that the runner may know of a rig before it has measured anything.
 
@@ -100,7 +115,7 @@ class RigInfo:
     leads its table to rest by itself (0: it has no watchdog). `overrun`: what a missed deadline does, hold, skip or
     stop. `driver_verified`: what is behind the driver, hardware, loopback or fake: an open rig's own info says it,
     before that it is empty or what the address of a target lets expect. Empty on a virtual rig. `actuators`: number of
-    commands, all with the same gain and limits.
+    commands, all with the same gain and limits. `uncertainty`: of sensors and masses as declared.
     """
 
     name: str
@@ -120,11 +135,17 @@ class RigInfo:
     driver_verified: str = ""
     actuators: int = 1
     further: tuple[Channel, ...] = ()
+    uncertainty: Uncertainty = Uncertainty()
 
     @property
     def all_channels(self) -> tuple[Channel, ...]:
         """Return every channel, in the order of the samples: the accelerometers of table and floors first."""
         return (*self.channels, *self.further)
+
+    @property
+    def calibrates(self) -> bool:
+        """Return whether sensors or masses may differ from what is declared, so that an identification looks for it."""
+        return self.uncertainty.any or any(channel.uncertainty > 0.0 for channel in self.channels)
 
     @property
     def shear_cell(self) -> int | None:

@@ -22,7 +22,7 @@ from rths_cli.case.rig_schema import (
 )
 from rths_cli.errors import InputError, RigError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
-from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo, Uncertainty
 from rths_cli.structure import assemble
 from rths_cli.structure.storey_laws import stacked
 
@@ -57,6 +57,7 @@ def rig_info(case: Case) -> RigInfo:
         overrun=real.overrun if real else "skip",
         driver_verified=_driver_verified(real),
         further=_further(table),
+        uncertainty=Uncertainty(**table.uncertainty.model_dump()),
     )
 
 

@@ -1,0 +1,132 @@
+"""What an imperfect calibration lets a hybrid test be wrong by, although everything that is measured looks right.
+
+A loop holds its *measured* table at the desired motion and feeds the shear of *measured* floors back. Where the sensors
+or masses differ from what is taken for true by relative amounts d, the true table moves by 1 - d_table times the
+desired motion, and the computed storeys feel a force that is wrong by m (d_floor - d_table - d_mass) times each floor's
+acceleration. To first order the error is a sum over the parameters of the calibration, each a motion of the undivided
+building under such a force, and with the calibration's covariance it has a distribution. The reference is the computed
+storeys with the specimen as it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.analysis.fourier_lines import Lines
+from rths_cli.analysis.sim import state_equation
+from rths_cli.identification.results import Calibration
+from rths_cli.numerics.lti import Array, ComplexArray, StateSpace
+from rths_cli.structure import Building
+
+DRAWS, SEED = 4000, 22
+PREDICTION = 0.4  # standard uncertainty of the logarithm of what is predicted without regard to calibration
+BOUND = 0.95
+BETTER_GAIN, BETTER_MASS = 0.002, 0.001  # what a comparison of sensors, and a good balance, attain
+
+
+@dataclass(frozen=True)
+class TrueError:
+    """The distribution of a test's true RMS errors in m/s^2 in the test band, by storey (n_storeys,)."""
+
+    median: Array
+    bound: Array  # not exceeded with 95 %
+    calibration: Array  # root mean square of the part by the calibration
+    loop: Array  # as predicted without regard to calibration
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """One measurement that would lower the bound: of which parameter of the calibration, to which uncertainty."""
+
+    parameter: int
+    error: float
+    bound: Array  # (n_storeys,) in m/s^2 after it
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Errors of the true accelerations by the parameters of a calibration.
+
+    `gram` (n_storeys, p, p) mean products of the errors per unit of each parameter, in the test band, in (m/s^2)^2.
+    """
+
+    gram: Array
+
+    def drawn(self, covariance: Array, loop: Array) -> Array:
+        """Return RMS errors (draws, n_storeys) in m/s^2, with `loop` (n_storeys,) that of a perfect calibration.
+
+        The draws are the same for every covariance, so that two of them can be compared.
+        """
+        random = np.random.default_rng(SEED)
+        values, vectors = np.linalg.eigh(covariance)
+        parameters = random.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        squares = np.einsum("dp,spq,dq->ds", parameters, self.gram, parameters, optimize=True)
+        own = loop * np.exp(PREDICTION * random.standard_normal((DRAWS, 1)))
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0) + own**2))
+
+
+def sensitivities(building: Building, lines: Lines, sim: ComplexArray, corners_hz: Array) -> Sensitivities:
+    """Return the errors by each parameter of a calibration, in the order of its covariance.
+
+    `sim` (n_storeys, m): accelerations of SIM of the building as identified; `corners_hz` (c,) of the AC couplings.
+    """
+    p, masses = len(building.numerical.masses_kg), building.specimen.masses_kg
+    floors, s = len(masses), 2j * np.pi * lines.frequency_hz
+    to_force = _per_interface_force(building, lines.frequency_hz)
+    there = sim[p - 1 :]  # interface and floors
+    held = np.vstack([np.zeros((p - 1, lines.count)), there])
+    w = 2.0 * np.pi * np.asarray(corners_hz)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        coupling = np.where(np.abs(s + w) > 0.0, -w / (s + w), 0.0)
+    readings = (np.ones((1 + floors, lines.count)), coupling, np.broadcast_to(-s, (1 + floors, lines.count)))
+    errors = []
+    for reading in readings:
+        for channel in range(1 + floors):
+            share = np.zeros((1 + floors, lines.count), dtype=complex)
+            if channel == 0:
+                share[1:] -= reading[0]
+            else:
+                share[channel] = reading[channel]
+            shear = -(masses @ (share[1:] * there[1:]))
+            errors.append(to_force * shear - (reading[0] * held if channel == 0 else 0.0))
+    errors += [to_force * masses[floor] * there[1 + floor] for floor in range(floors)]
+    series = lines.evaluated(np.array(errors))
+    return Sensitivities(np.einsum("psn,qsn->spq", series, series, optimize=True) / series.shape[-1])
+
+
+def _per_interface_force(building: Building, frequency_hz: Array) -> ComplexArray:
+    """Return the accelerations (n_storeys, m) of the undivided building per force on its interface floor."""
+    n, p = len(building.M), len(building.numerical.masses_kg)
+    a, b = state_equation(building.M, building.C, building.K)
+    b = np.zeros_like(b)
+    b[n:, 0] = np.linalg.solve(building.M, np.eye(n)[p - 1])
+    return np.asarray(StateSpace(a, b, a[n:], b[n:]).response(frequency_hz)[:, 0])
+
+
+def true_error(known: Sensitivities, found: Calibration, loop: Array) -> TrueError:
+    """Return the distribution of the true errors; `loop` (n_storeys,) in m/s^2 is predicted without calibration."""
+    drawn = known.drawn(found.covariance, loop)
+    parts = np.einsum("spq,pq->s", known.gram, found.covariance)
+    return TrueError(
+        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), np.asarray(loop)
+    )
+
+
+def best_remedy(known: Sensitivities, found: Calibration, loop: Array) -> Remedy | None:
+    """Return the one further measurement of a gain or a mass that lowers the largest bound most; None if none does."""
+    channels = len(found.gain)
+    candidates = [(place, BETTER_GAIN) for place in range(channels)]
+    candidates += [(3 * channels + floor, BETTER_MASS) for floor in range(len(found.mass))]
+    found_now = float(np.quantile(known.drawn(found.covariance, loop), BOUND, axis=0).max())
+    best: Remedy | None = None
+    for place, error in candidates:
+        column = found.covariance[:, place]
+        if column[place] <= error**2:
+            continue
+        after = found.covariance - np.outer(column, column) / (column[place] + error**2)
+        bound = np.quantile(known.drawn(after, loop), BOUND, axis=0)
+        if float(bound.max()) < (float(best.bound.max()) if best else found_now):
+            best = Remedy(place, error, bound)
+    return best

@@ -1,0 +1,227 @@
+"""Calibrate sensors and weighed masses by what the record of an identification shows of them.
+
+Table and floors are measured by different sensors, and a chain of storeys ties them together: far below its first mode
+all floors move with the table, the shapes of its modes belong to its masses, and its phases leave no room for a sensor
+that lags. A fit of the chain with free sensors therefore finds the ratios of the sensors' gains, of their AC corners
+and of the masses, and the differences of their lags. What it cannot find, above all the gain that all sensors share and
+the total mass, stays as declared, with the declared uncertainty: the result is the most probable one under independent
+normal priors, and its covariance that of the posterior (A. Tarantola, Inverse Problem Theory, 2005, chapter 3).
+
+A sensor is `gain (s + w) / (s + coupling w) exp(-late s)` times the declared one, whose AC corner is w. Residuals are
+those of the samples and not of the corrected motions, which a greater gain would make smaller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rths_cli.identification.least_squares import covariance, least_squares
+from rths_cli.identification.results import Calibration
+from rths_cli.identification.specimen_fit import (
+    ABOVE_HIGHEST,
+    Lines,
+    Motion,
+    Start,
+    evaluated,
+    least_samples,
+    modal,
+    reach_of,
+    stretches_of,
+    transform,
+)
+from rths_cli.numerics.lti import Array, ComplexArray, Integers
+from rths_cli.rigs.description import Channel, RigInfo
+
+STEP = 1e-3  # of a prior's standard uncertainty, over which slopes by sensors and masses are taken
+FAR = 10.0  # standard uncertainties of its prior by which a parameter may differ from what is declared
+ROUNDS = 4  # fits, each with the size of the residual that the one before left
+SETTLED = 0.01  # relative change of that size at which the rounds end
+TOLERANCE = 1e-8
+SHOWN = 10.0  # information of a stretch, in units of the prior's, from which it shows a parameter better
+LEAST_SIZE = 1e-9  # of a residual, relative to the floors' motion
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Standard uncertainties of what is declared: gains (c,) and AC corners (c,) relative, lags (c,) in s, masses (n,)
+    relative. 0: exactly as declared."""
+
+    gain: Array
+    coupling: Array
+    late_s: Array
+    mass: Array
+
+    @property
+    def sizes(self) -> Array:
+        """Return all of them, (3 c + n,)."""
+        return np.concatenate([self.gain, self.coupling, self.late_s, self.mass])
+
+
+def priors_of(info: RigInfo, sensors_removed: bool) -> Priors:
+    """Return the priors of a rig as declared; corners and lags only where the step corrects them."""
+    count, declared, dynamics = len(info.channels), info.uncertainty, float(sensors_removed)
+    return Priors(
+        np.array([channel.uncertainty for channel in info.channels]),
+        np.full(count, declared.corner * dynamics),
+        np.full(count, declared.skew_s * dynamics),
+        np.full(count - 1, declared.mass),
+    )
+
+
+def calibrate(
+    motions: Sequence[Motion], dt_s: float, masses_kg: Array, channels: Sequence[Channel], low_hz: float, start: Start,
+    priors: Priors,
+) -> Calibration:  # fmt: skip
+    """Return the calibration that motions of table and floors show, in declared units, without the staircase's alias.
+
+    `masses_kg` (n,) are the weighed masses, lines from `low_hz` up are used. The random error is widened by the Birge
+    ratio of stretches, as that of the specimen.
+    """
+    highest = ABOVE_HIGHEST * float(modal(masses_kg, start.stiffness_n_per_m)[0][-1]) / (2.0 * np.pi)
+    corners = 2.0 * np.pi * np.array([channel.high_pass_hz for channel in channels])
+    problem = _Problem(
+        tuple(transform(motion, dt_s, (low_hz, highest)) for motion in motions), np.asarray(masses_kg, dtype=float),
+        corners, priors.sizes,
+    )  # fmt: skip
+    at = np.concatenate([np.log(start.stiffness_n_per_m), np.log(start.damping_ratio), np.zeros(problem.free.size)])
+    size = problem.size(at)
+    for _ in range(ROUNDS):
+        weighted = replace(problem, unit=size)
+        found = least_squares(weighted.posterior, at, TOLERANCE, reach=weighted.reach)
+        at, before, size = found.parameters, size, problem.size(found.parameters)
+        if abs(size - before) < SETTLED * before:
+            break
+    spread = covariance(found.slopes, 1.0)
+    widened = _scatter(problem, motions, dt_s, (low_hz, highest), at)
+    if widened > 1.0:
+        spread = covariance(replace(problem, unit=widened * size).posterior(at)[1], 1.0)
+    return _described(problem, at, spread)
+
+
+def calibrated(channels: Sequence[Channel], found: Calibration) -> tuple[Channel, ...]:
+    """Return the channels (c,) as a calibration found them.
+
+    What a sensor lags beyond its declared dynamics is given to its low pass, which far below its corner is a lag. Only
+    differences of lags are known; where a channel would have to lead, all lag by so much more.
+    """
+    lags_s = [1.0 / (2.0 * np.pi * channel.low_pass_hz) if channel.low_pass_hz > 0.0 else 0.0 for channel in channels]
+    lags = np.array(lags_s) + found.late_s - found.late_s.mean()
+    lags -= min(float(lags.min()), 0.0) if found.late_s.any() else 0.0
+    return tuple(
+        replace(
+            channel,
+            sensitivity_v_per_unit=channel.sensitivity_v_per_unit * float(gain),
+            high_pass_hz=channel.high_pass_hz * float(coupling),
+            low_pass_hz=1.0 / (2.0 * np.pi * float(lag)) if lag > 0.0 else 0.0,
+        )
+        for channel, gain, coupling, lag in zip(channels, found.gain, found.coupling, lags, strict=True)
+    )
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The fit of a chain with free sensors and masses.
+
+    Parameters: logarithms of stiffnesses and damping ratios (2 n,), then what is free of gains (c,), corners (c,), lags
+    (c,) and masses (n,), each in units of its prior.
+    """
+
+    lines: tuple[Lines, ...]
+    masses_kg: Array
+    corners: Array  # (c,) rad/s
+    priors: Array  # (3 c + n,)
+    unit: float = 1.0  # size of a residual
+
+    @property
+    def free(self) -> Integers:
+        """Return the places of the priors that are not zero."""
+        return np.flatnonzero(self.priors)
+
+    @property
+    def reach(self) -> Array:
+        """Return the largest change of each parameter."""
+        return np.concatenate([reach_of(len(self.masses_kg)), np.full(self.free.size, FAR)])
+
+    def values(self, at: Array) -> tuple[Array, Array, Array, Array]:
+        """Return logarithms of gains and of corners (c,), lags (c,) in s and logarithms of masses (n,)."""
+        sizes, c = np.zeros(self.priors.size), len(self.corners)
+        sizes[self.free] = self.priors[self.free] * at[2 * len(self.masses_kg) :]
+        return sizes[:c], sizes[c : 2 * c], sizes[2 * c : 3 * c], sizes[3 * c :]
+
+    def residual(self, at: Array) -> tuple[Array, Array]:
+        """Return the residual (m,) of the samples and its slopes (2 n, m) by stiffnesses and damping ratios."""
+        gain, coupling, late_s, mass = self.values(at)
+        n = len(self.masses_kg)
+        each = []
+        for part in self.lines:
+            sensors = _responses(part.s, self.corners, gain, coupling, late_s - late_s[0])  # a common lag is unseen
+            moved = Lines(part.s, part.table / sensors[0], part.floors / sensors[1:])
+            left, slopes = evaluated([moved], self.masses_kg * np.exp(mass), at[: 2 * n])
+            seen = np.vstack([left, slopes[:-1]]).view(complex).reshape(2 * n + 1, n, -1) * sensors[1:]
+            each.append(np.ascontiguousarray(seen).reshape(2 * n + 1, -1).view(float))
+        both = np.hstack(each)
+        return both[0], both[1:]
+
+    def size(self, at: Array) -> float:
+        """Return the rms of the residual, at least LEAST_SIZE of the floors' motion."""
+        left = self.residual(at)[0]
+        return max(float(np.sqrt(np.mean(left**2))), LEAST_SIZE / np.sqrt(left.size))
+
+    def posterior(self, at: Array) -> tuple[Array, Array]:
+        """Return residuals in their unit and deviations from the priors, with their slopes."""
+        n, free = 2 * len(self.masses_kg), self.free.size
+        left, slopes = self.residual(at)
+        moved = []
+        for place in range(n, n + free):
+            step = np.zeros(n + free)
+            step[place] = STEP
+            moved.append((self.residual(at + step)[0] - self.residual(at - step)[0]) / (2.0 * STEP))
+        of_priors = np.hstack([np.zeros((free, n)), np.eye(free)]).T
+        rows = np.vstack([slopes, np.array(moved).reshape(free, -1)]) / self.unit
+        return np.concatenate([left / self.unit, at[n:]]), np.hstack([rows, of_priors])
+
+
+def _responses(s: ComplexArray, corners: Array, gain: Array, coupling: Array, late_s: Array) -> ComplexArray:
+    """Return what sensors (c,) make of the declared ones' signals at lines (m,), (c, m)."""
+    w = corners[:, None]
+    made = np.exp(gain)[:, None] * (s + w) / (s + w * np.exp(coupling)[:, None]) * np.exp(-late_s[:, None] * s)
+    return np.asarray(made, dtype=complex)
+
+
+def _scatter(
+    problem: _Problem, motions: Sequence[Motion], dt_s: float, band_hz: tuple[float, float], at: Array
+) -> float:
+    """Return by what factor stretches scatter about the common solution more than their own errors predict, at least 1.
+
+    It is the Birge ratio of all that a stretch shows better than the priors do: the pulls of the stretches' residuals
+    along the eigenvectors of their information, which for errors of the stated size have the mean square 1.
+    """
+    omega = modal(problem.masses_kg, np.exp(at[: len(problem.masses_kg)]))[0]
+    least = least_samples(omega / (2.0 * np.pi), dt_s, band_hz[0])
+    pieces = [motion.cut(part) for motion in motions for part in stretches_of(motion.floors, False, least)]
+    pieces = [piece for piece in pieces if piece.shows_floors]
+    if len(pieces) < 2:
+        return 1.0
+    total, count = 0.0, 0
+    for piece in pieces:
+        part = replace(problem, lines=(transform(piece, dt_s, band_hz),))
+        left, slopes = replace(part, unit=part.size(at)).posterior(at)
+        data = slice(0, left.size - problem.free.size)
+        information, directions = np.linalg.eigh(slopes[:, data] @ slopes[:, data].T)
+        shown = information > SHOWN
+        total += float(np.sum((directions[:, shown].T @ (slopes[:, data] @ left[data])) ** 2 / information[shown]))
+        count += int(shown.sum())
+    return float(np.sqrt(max(total / max(count * (1.0 - 1.0 / len(pieces)), 1.0), 1.0)))
+
+
+def _described(problem: _Problem, at: Array, spread: Array) -> Calibration:
+    """Return gains, corners, lags and masses with their covariance, also of those that are as declared."""
+    n, total = 2 * len(problem.masses_kg), problem.priors.size
+    gain, coupling, late_s, mass = problem.values(at)
+    full, free = np.zeros((total, total)), problem.free
+    scale = problem.priors[free]
+    full[np.ix_(free, free)] = spread[n:, n:] * np.outer(scale, scale)
+    return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), full)

@@ -1,0 +1,101 @@
+"""The error that wrong sensors and masses leave, against the whole test as one state equation that is solved anew."""
+
+import numpy as np
+import pytest
+from scipy.signal import StateSpace, butter, lsim, sosfiltfilt
+
+from rths_cli.analysis.fourier_lines import lines_for
+from rths_cli.analysis.metrics import test_band as in_band
+from rths_cli.analysis.sim_fourier_lines import sim_lines
+from rths_cli.analysis.true_error import best_remedy, sensitivities, true_error
+from rths_cli.identification.results import Calibration
+from rths_cli.structure import Building, Numerical, Specimen, assemble
+
+DT = 0.005
+MASSES, K_E = np.array([6.91, 6.95]), np.array([[14707.96, -7376.4], [-7376.4, 7376.4]])
+C_E = np.array([[8.0, -2.0], [-2.0, 6.0]])
+M_N, K_N, C_N = 6.93, 7354.0, 22.0
+TIME = np.arange(8000) * DT
+BAND = butter(2, [0.5, 6.0], "band", fs=1.0 / DT, output="sos")
+GROUND = sosfiltfilt(BAND, np.random.default_rng(4).standard_normal(8000))
+GROUND *= np.hanning(8000)
+
+
+def whole_test(gain, masses_taken):
+    """Return the true accelerations (3, n) of a test on a perfect table whose sensors read `gain` (3,) times the truth.
+
+    x: floor 1; the table is moved so that its sensor shows floor 1; the shear is that of the masses that are taken for
+    true and of the measured floors. Unknown: floor 1 relative to the ground, floors relative to the true table.
+    """
+    table, top = gain[0], gain[1:]
+    # absolute accelerations: floor 1 a, true table a / table, floors a / table + r'' with
+    # m (r'' + a / table) + C r' + K r = 0, shear f = -sum of taken mass * reading * (a / table + r'')
+    #                                             = sum of (taken mass * reading / true mass) * (C r' + K r)
+    share = masses_taken * top / MASSES
+    a, b = np.zeros((6, 6)), np.zeros((6, 1))
+    a[0, 3] = a[1, 4] = a[2, 5] = 1.0
+    interface = np.concatenate([[-K_N], share @ K_E, [-C_N], share @ C_E]) / M_N  # absolute acceleration of floor 1
+    a[3], b[3] = interface, -1.0
+    a[4:] = np.hstack([np.zeros((2, 1)), -K_E / MASSES[:, None], np.zeros((2, 1)), -C_E / MASSES[:, None]])
+    floors = a[4:].copy()  # absolute accelerations
+    a[4:] -= interface / table
+    out = np.vstack([interface, floors])
+    seen = lsim(StateSpace(a, b, out, np.zeros((3, 1))), GROUND, TIME)[1].T
+    return np.vstack([seen[:1] / table, seen[1:]])
+
+
+def building():
+    numerical = Numerical(np.array([M_N]), np.array([K_N]), np.array([C_N]))
+    specimen = Specimen(MASSES, K_E, C_E)
+    return Building(numerical, specimen, 0.0, *assemble(numerical, specimen, 0.0), ())
+
+
+def known():
+    lines = lines_for(len(TIME), DT, 40.0)
+    return sensitivities(building(), lines, sim_lines(building(), lines, lines.of(GROUND)), np.zeros(3))
+
+
+@pytest.mark.parametrize("place", range(5))
+def test_each_gain_and_mass_has_the_error_of_a_whole_test_with_it(place):
+    size, gain, taken = 1e-3, np.ones(3), MASSES.copy()
+    if place < 3:
+        gain[place] += size
+    else:
+        taken[place - 3] /= 1.0 + size  # the true mass is larger than what is taken for it
+    off = whole_test(gain, taken) - whole_test(np.ones(3), MASSES)
+    rms = np.sqrt(np.mean(in_band(off, DT) ** 2, axis=1)) / size
+    parameter = place if place < 3 else 9 + place - 3
+    assert np.sqrt(known().gram[:, parameter, parameter]) == pytest.approx(rms, rel=0.01)
+
+
+def test_errors_of_several_parameters_add_with_their_signs():
+    gain, taken = np.array([1.001, 1.001, 1.001]), MASSES
+    off = whole_test(gain, taken) - whole_test(np.ones(3), MASSES)
+    rms = np.sqrt(np.mean(in_band(off, DT) ** 2, axis=1))
+    together = np.zeros(11)
+    together[:3] = 1e-3
+    assert np.sqrt(np.einsum("p,spq,q->s", together, known().gram, together)) == pytest.approx(rms, rel=0.01)
+
+
+def test_the_distribution_is_that_of_many_laboratories():
+    covariance = np.zeros((11, 11))
+    covariance[:3, :3] = 0.01**2 / 3.0  # a common gain
+    found = Calibration(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), covariance)
+    uncertain = true_error(known(), found, np.zeros(3))
+    gains = 0.01 / np.sqrt(3.0) * np.random.default_rng(1).standard_normal(300)
+    exact = whole_test(np.ones(3), MASSES)
+    errors = [
+        np.sqrt(np.mean(in_band(whole_test(np.full(3, 1.0 + g), MASSES) - exact, DT) ** 2, axis=1)) for g in gains
+    ]
+    assert uncertain.median == pytest.approx(np.median(errors, axis=0), rel=0.15)
+    assert uncertain.bound == pytest.approx(np.quantile(errors, 0.95, axis=0), rel=0.15)
+
+
+def test_the_remedy_is_the_measurement_that_helps_most():
+    covariance = np.diag(np.concatenate([np.full(3, 1e-8), np.zeros(6), [1e-9, 1e-4]]))
+    found = Calibration(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), covariance)
+    remedy, before = best_remedy(known(), found, np.zeros(3)), true_error(known(), found, np.zeros(3))
+    assert remedy is not None and remedy.parameter == 10
+    assert np.all(remedy.bound < 0.2 * before.bound)
+    nothing = Calibration(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), np.zeros((11, 11)))
+    assert best_remedy(known(), nothing, np.ones(3)) is None

@@ -1,0 +1,150 @@
+"""Sensors and masses found by the record of an identification, against motions written down as sums of sines."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bench import rig_info
+
+from rths_cli.control.sensor_correction import correction, recorrected
+from rths_cli.identification.sensor_calibration import calibrate, calibrated, priors_of
+from rths_cli.identification.specimen_fit import Motion, Start
+from rths_cli.rigs.description import Channel, Uncertainty
+
+MASSES = np.array([6.91, 6.95])
+STIFFNESS = np.array([7331.56, 7376.40])
+RATIOS = np.array([0.043, 0.039])
+CORNER_HZ = 0.024
+CHANNELS = tuple(Channel(name, 0.1, 49.0, CORNER_HZ, 1549.0) for name in ("table", "floor_2", "floor_3"))
+
+
+def rig(uncertainty=Uncertainty(0.1, 25e-6, 0.003), gain=0.01):
+    """Return a rig whose files declare no more than these standard uncertainties."""
+    channels = tuple(replace(channel, uncertainty=gain) for channel in CHANNELS)
+    return replace(rig_info(), channels=channels, uncertainty=uncertainty)
+
+
+START = Start(1.02 * STIFFNESS, 1.1 * RATIOS)
+
+
+def transmissibilities(s, masses, stiffness, ratios):
+    """Return the floors' absolute accelerations per table acceleration (n, m), from the equations of motion."""
+    K = np.array([[stiffness[0] + stiffness[1], -stiffness[1]], [-stiffness[1], stiffness[1]]])
+    M = np.diag(masses)
+    squares, vectors = np.linalg.eig(np.linalg.solve(M, K))
+    vectors = vectors / np.sqrt(np.einsum("ir,ij,jr->r", vectors, M, vectors))
+    order = np.argsort(squares)
+    omega, shapes = np.sqrt(squares[order]), vectors[:, order]
+    C = M @ shapes @ np.diag(2.0 * ratios * omega) @ shapes.T @ M
+    ones = np.ones(2)
+    return np.array([1.0 - at**2 * np.linalg.solve(at**2 * M + at * C + K, M @ ones) for at in s]).T
+
+
+def motion(gain, coupling, late_s, mass, seconds=120.0, dt_s=0.01, noise=1e-3, seed=5):
+    """Return what sensors that differ from their declaration show of a table that moves in 400 sines."""
+    random = np.random.default_rng(seed)
+    hz = np.sort(random.uniform(0.4, 16.0, 400))
+    s = 2j * np.pi * hz
+    lines = random.uniform(0.5, 1.0, 400) * np.exp(2j * np.pi * random.random(400)) / 10.0
+    true = np.vstack([np.ones_like(s), transmissibilities(s, MASSES * mass, STIFFNESS, RATIOS)])
+    w = 2.0 * np.pi * CORNER_HZ
+    sensors = np.array(gain)[:, None] * (s + w) / (s + w * np.array(coupling)[:, None])
+    shown = lines * true * sensors * np.exp(-s * np.array(late_s)[:, None])
+    time = np.arange(round(seconds / dt_s)) * dt_s
+    signals = (shown @ np.exp(np.outer(s, time))).real + noise * random.standard_normal((3, len(time)))
+    return Motion(signals[0], signals[1:]), dt_s
+
+
+def pairs(values):
+    """Return the differences of what belongs to floors from what belongs to the table."""
+    return values[1:] - values[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_ratios_are_found_within_their_uncertainty_and_the_common_scale_stays(seed):
+    random = np.random.default_rng(100 + seed)
+    gain, coupling = np.exp(random.normal(0.0, 0.01, 3)), np.exp(random.normal(0.0, 0.1, 3))
+    late_s, mass = random.normal(0.0, 25e-6, 3), np.exp(random.normal(0.0, 0.003, 2))
+    seen, dt_s = motion(gain, coupling, late_s, mass)
+    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors_of(rig(), True))
+    got = np.concatenate([np.log(found.gain), np.log(found.coupling), found.late_s, np.log(found.mass)])
+    off = got - np.concatenate([np.log(gain), np.log(coupling), late_s, np.log(mass)])
+    known = np.zeros((7, 11))
+    for row, (place, other) in enumerate([(1, 0), (2, 0), (4, 3), (5, 3), (7, 6), (8, 6), (10, 9)]):
+        known[row, place], known[row, other] = 1.0, -1.0
+    errors = np.array([found.error_of(row) for row in known])
+    assert np.all(np.abs(known @ off) < 4.0 * errors)
+    assert np.all(errors[:2] < 5e-4) and np.all(errors[4:6] < 2e-6) and errors[6] < 3e-4
+    assert np.log(found.gain).mean() == pytest.approx(0.0, abs=1e-4)  # nothing is known of what all sensors share
+    assert np.log(found.mass).mean() == pytest.approx(0.0, abs=1e-4)
+    assert found.error_of(np.repeat([1.0 / 3.0, 0.0], [3, 8])) == pytest.approx(0.01 / np.sqrt(3.0), rel=0.01)
+    assert found.error_of(np.repeat([0.0, 0.5], [9, 2])) == pytest.approx(0.003 / np.sqrt(2.0), rel=0.01)
+
+
+def test_uncertainties_cover_the_errors_of_many_records():
+    """Of 40 records the errors of the gains' ratios over their uncertainty have a mean square of 1."""
+    over = []
+    for seed in range(40):
+        seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), seconds=20.0, noise=5e-3, seed=seed)
+        found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors_of(rig(), True))
+        for floor in (1, 2):
+            pair = np.zeros(11)
+            pair[0], pair[floor] = -1.0, 1.0
+            over.append(np.log(found.gain[floor] / found.gain[0]) / found.error_of(pair))
+    assert 0.7 < np.sqrt(np.mean(np.square(over))) < 1.3
+
+
+def test_what_is_declared_as_exact_stays():
+    seen, dt_s = motion(np.array([1.01, 1.0, 0.99]), np.ones(3), np.zeros(3), np.ones(2), seconds=40.0)
+    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors_of(rig(Uncertainty(0.0, 0.0, 0.0)), True))
+    assert np.all(found.coupling == 1.0) and np.all(found.late_s == 0.0) and np.all(found.mass == 1.0)
+    assert found.gain[1] / found.gain[0] == pytest.approx(1.0 / 1.01, abs=3e-4)
+    assert not found.covariance[3:].any()
+    kept = priors_of(rig(), sensors_removed=False)
+    assert not kept.coupling.any() and not kept.late_s.any() and kept.gain.all()
+
+
+def test_a_common_gain_alone_changes_nothing():
+    seen, dt_s = motion(np.full(3, 1.02), np.ones(3), np.zeros(3), np.ones(2), seconds=40.0)
+    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors_of(rig(), True))
+    assert found.gain == pytest.approx(np.ones(3), abs=5e-4)
+
+
+def test_calibrated_channels_undo_what_was_found():
+    """Samples of a sensor with other gain, corner and lag, corrected as calibrated, are the motion again."""
+    dt_s, hz = 0.0005, np.array([0.6, 3.0, 9.0])
+    found = calibration_of(np.array([1.02, 0.99, 1.0]), np.array([1.2, 0.9, 1.0]), np.array([2e-5, -2e-5, 0.0]))
+    better = calibrated(CHANNELS, found)
+    at = np.exp(2j * np.pi * hz * dt_s)
+    s = 2j * np.pi * hz
+    block = correction(better, dt_s)
+    for i, channel in enumerate(CHANNELS):
+        w = 2.0 * np.pi * CORNER_HZ
+        sensor = channel.sensitivity_v_per_m_s2 * found.gain[i] * s / (s + w * found.coupling[i])
+        sensor = sensor / (1.0 + s / (2.0 * np.pi * channel.low_pass_hz)) * np.exp(-s * found.late_s[i])
+        undone = [(block.C @ np.linalg.solve(z * np.eye(len(block.A)) - block.A, block.B) + block.D)[i, i] for z in at]
+        assert np.abs(sensor * np.array(undone) - 1.0).max() < 1e-4
+
+
+def test_a_record_is_corrected_for_other_sensors_than_it_was():
+    dt_s, samples = 0.0005, np.random.default_rng(2).standard_normal((3, 4000))
+    samples[:, 0] = 0.0
+    found = calibration_of(np.array([1.02, 0.99, 1.0]), np.array([1.2, 0.9, 1.0]), np.array([2e-5, -2e-5, 0.0]))
+    better = calibrated(CHANNELS, found)
+    before, after = (played(correction(channels, dt_s), samples) for channels in (CHANNELS, better))
+    assert recorrected(before, CHANNELS, better, dt_s) == pytest.approx(after, abs=1e-9 * np.abs(after).max())
+
+
+def calibration_of(gain, coupling, late_s):
+    from rths_cli.identification.results import Calibration
+
+    return Calibration(gain, coupling, late_s, np.ones(2), np.zeros((11, 11)))
+
+
+def played(block, samples):
+    """Return the outputs (p, n) of a block for inputs (m, n), step by step."""
+    state, made = np.zeros(len(block.A)), []
+    for given in samples.T:
+        made.append(block.C @ state + block.D @ given)
+        state = block.A @ state + block.B @ given
+    return np.array(made).T

@@ -11,7 +11,7 @@ from scipy.linalg import eigh, expm
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo, Uncertainty
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant_kernel import Plant
 from rths_cli.rigs.virtual.virtual_rig import build_plant
@@ -44,13 +44,15 @@ def rig_info(
     low_pass_hz: float = 1549.0,
     limits: Limits | None = None,
 ) -> RigInfo:
-    """Return what a laboratory knows of the table: 1000 mV/g, 5 g."""
+    """Return what a laboratory knows of the table, exactly as it is: 1000 mV/g, 5 g."""
     g = STANDARD_GRAVITY_M_S2
-    channels = tuple(Channel(f"channel_{i}", 1.0 / g, 5.0 * g, high_pass_hz, low_pass_hz) for i in range(1 + floors))
+    one = Channel("", 1.0 / g, 5.0 * g, high_pass_hz, low_pass_hz, uncertainty=0.0)
+    channels = tuple(replace(one, name=f"channel_{i}") for i in range(1 + floors))
     limits = limits or Limits(0.079, 1.0, 45.0, 445.0)
     return RigInfo(
-        "bench", "virtual", dt_s, channels, Converters(bits, range_v), latency_samples, limits, 0.0079, 7.0, 13.86
-    )
+        "bench", "virtual", dt_s, channels, Converters(bits, range_v), latency_samples, limits, 0.0079, 7.0, 13.86,
+        uncertainty=Uncertainty(0.0, 0.0, 0.0),
+    )  # fmt: skip
 
 
 def ideal_info(**options: float) -> RigInfo:

@@ -18,7 +18,10 @@ CORNER_HZ = 0.024
 CHANNELS = tuple(Channel(name, 0.1, 49.0, CORNER_HZ, 1549.0) for name in ("table", "floor_2", "floor_3"))
 
 
-def rig(uncertainty=Uncertainty(0.1, 25e-6, 0.003), gain=0.01):
+DECLARED = Uncertainty(0.1, 25e-6, 0.003)
+
+
+def rig(uncertainty=DECLARED, gain=0.01):
     """Return a rig whose files declare no more than these standard uncertainties."""
     channels = tuple(replace(channel, uncertainty=gain) for channel in CHANNELS)
     return replace(rig_info(), channels=channels, uncertainty=uncertainty)
@@ -120,7 +123,7 @@ def test_calibrated_channels_undo_what_was_found():
     block = correction(better, dt_s)
     for i, channel in enumerate(CHANNELS):
         w = 2.0 * np.pi * CORNER_HZ
-        sensor = channel.sensitivity_v_per_m_s2 * found.gain[i] * s / (s + w * found.coupling[i])
+        sensor = channel.sensitivity_v_per_unit * found.gain[i] * s / (s + w * found.coupling[i])
         sensor = sensor / (1.0 + s / (2.0 * np.pi * channel.low_pass_hz)) * np.exp(-s * found.late_s[i])
         undone = [(block.C @ np.linalg.solve(z * np.eye(len(block.A)) - block.A, block.B) + block.D)[i, i] for z in at]
         assert np.abs(sensor * np.array(undone) - 1.0).max() < 1e-4

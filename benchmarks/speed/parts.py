@@ -12,6 +12,7 @@ from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import Setup
 from speed.commands import command_rows
 from speed.growth import growth_rows
+from speed.laws import laws_rows
 from speed.rivals import rival_rows
 from speed.rows import Row
 from speed.sim import sim_rows
@@ -33,6 +34,7 @@ PARTS: dict[str, Callable[[], list[Row]]] = {
     "commands": command_rows,
     "growth": lambda: growth_rows(*paper_case()),
     "sweep": sweep_rows,
+    "laws": lambda: laws_rows(*paper_case()),
 }
 
 

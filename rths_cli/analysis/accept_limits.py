@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rths_cli.quantities import METRICS
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -23,12 +25,15 @@ def judge(path: str, limit: float, values: ArrayLike) -> Judged:
 
     If the path states an index, as in `a.b[2]`, that value is compared, else the one with the largest absolute value.
     The absolute value is compared, so a signed metric is limited in both directions. A limit is not met if the value is
-    NaN or the index does not exist.
+    NaN or the index does not exist. Of a metric that not every storey has, those that have it count.
     """
     given = np.atleast_1d(np.asarray(values, dtype=float))
+    declared = METRICS.get(figure(path))
     index = place(path)
     if index is not None:
         given = given[index - 1 : index] if index > 0 else given[:0]
+    elif declared is not None and declared.partial and not np.isnan(given).all():
+        given = given[~np.isnan(given)]
     if given.size == 0:
         return Judged(path, limit, None, False)
     value = float(given[np.argmax(np.abs(given))])

@@ -328,6 +328,11 @@ class CaseKeys(Strict):
     check: CheckSpec | None = Field(
         default=None, description="what the check is to consider beside what was identified"
     )
+    base_shear_uncertainty: Annotated[float, Range(ge=0, le=0.5)] = Field(
+        default=0.01,
+        description="relative standard uncertainty of the base shear, from the calibration of the accelerometers and "
+        "the weighing of the floors: the residual drift of storeys with laws is stated with what it makes of it",
+    )
     grade_limits: GradeLimitsSpec = Field(
         default=GradeLimitsSpec(), description="from which errors on a test is no longer called good, or usable"
     )

@@ -31,6 +31,11 @@ USES = {
     "integration": Use(("exp_rths",)),
     "check": Use(("exp_rths",)),
     "grade_limits": Use(("exp_rths",)),
+    "base_shear_uncertainty": Use(
+        ("exp_rths",),
+        lambda case: any(case.structure.numerical.law or ()),
+        "a building whose storeys have laws reads it",
+    ),
     "report_in": Use(RUNS, lambda case: case.scale is not None, "a case with a scale reads it"),
     "method": Use(TABLE_RUNS),
     "table": Use(("sim_delay", *TABLE_RUNS)),  # the sensors decide from which frequency on errors are judged

@@ -108,18 +108,38 @@ def predicted_shear(specimen: Specimen, interface_mass_kg: float, lead_samples: 
     return force_of_one(np.concatenate([row, np.zeros(n)]), weights[:-1], measured, float(weights[-1]))
 
 
-def with_residual(kalman: Block, specimen: Specimen, corner_hz: float, lead_s: float) -> Block:
+def carried_by_correction(specimen: Specimen, q: float, r: float, lead_s: float) -> Array:
+    """Return what the filter's correction makes of the base shear within `lead_s`, (n,) in N per m/s^2 by which a floor
+    is measured beyond its estimate.
+
+    `predicted_shear` moves the estimated state on by the specimen alone. The filter will go on correcting it, by its
+    gain L times a difference that lasts where the specimen is not the identified one: without this part the base shear
+    is early or late in proportion to the lead. W = [K, C summed over storeys] int_0^lead exp(A s) ds L.
+    """
+    system = specimen_state_space(specimen)
+    n = len(system.A)
+    chain = np.zeros((2 * n, 2 * n))
+    chain[:n, :n], chain[:n, n:] = system.A, np.eye(n)
+    shear = np.concatenate([specimen.K.sum(axis=0), specimen.C.sum(axis=0)])
+    return np.asarray(shear @ expm(chain * lead_s)[:n, n:] @ kalman_gain(system, q, r))
+
+
+def with_residual(
+    kalman: Block, specimen: Specimen, corner_hz: float, lead_s: float, carried_n: Array | None = None
+) -> Block:
     """Return the filter with one more output: the base shear in N that the identified specimen does not explain.
 
-    That is r = -sum m (measured - estimated floor acceleration), carried `lead_s` ahead by
+    That is r = -sum (m - carried) (measured - estimated floor acceleration), carried `lead_s` ahead by
     H(s) = (1 + (2 zeta / w + lead) s) / (1 + 2 zeta s / w + s^2 / w^2), w = 2 pi corner_hz, zeta = 0.7: H equals
-    exp(s lead) but for terms of s^2. A specimen that is not quite the identified one (damage, payload) then errs
-    in the base shear by (f / corner)^2 of the difference, not by the difference.
+    exp(s lead) but for terms of s^2. `carried_n` (n,) is that of `carried_by_correction` where the base shear is
+    predicted, None: zero. A specimen that is not quite the identified one (damage, payload, yielding) then errs in the
+    base shear by (f / corner)^2 of the difference, not by the difference.
     """
     n, h = len(specimen.masses_kg), _lead_filter(corner_hz, lead_s, kalman.dt_s)
+    weights = specimen.masses_kg if carried_n is None else specimen.masses_kg - carried_n
     floors = slice(2 * n, 3 * n)
-    from_state, direct = specimen.masses_kg @ kalman.C[floors], specimen.masses_kg @ kalman.D[floors]
-    direct[1:] -= specimen.masses_kg
+    from_state, direct = weights @ kalman.C[floors], weights @ kalman.D[floors]
+    direct[1:] -= weights
     return Block(
         kalman.name,
         np.block([[kalman.A, np.zeros((len(kalman.A), 2))], [np.outer(h.B, from_state), h.A]]),

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from rths_cli.control.designed_blocks import Blocks
     from rths_cli.rigs.description import RigInfo
 
-MASS_UNCERTAINTY = 0.003  # of a weighed mass, relative, one standard deviation
-
 
 @dataclass(frozen=True)
 class CellInput:
@@ -64,10 +62,11 @@ def cell_weight(rig: RigInfo, floor_masses_kg: Array, interface_mass_kg: float, 
     if shear_from == "load_cell":
         return 1.0
     masses = cell_reads(floor_masses_kg, interface_mass_kg, 0.0)
-    squares = np.array([channel.uncertainty**2 + MASS_UNCERTAINTY**2 for channel in rig.channels])
+    squares = np.array([channel.uncertainty**2 + rig.uncertainty.mass**2 for channel in rig.channels])
     of_accelerations = float(masses**2 @ squares / masses.sum() ** 2)
     of_cell = rig.further[rig.shear_cell].uncertainty ** 2
-    return of_accelerations / (of_accelerations + of_cell)
+    total = of_accelerations + of_cell
+    return of_accelerations / total if total > 0.0 else 0.5
 
 
 def with_cell(blocks: Blocks, cell: CellInput) -> tuple[Block, Interface]:

@@ -127,7 +127,8 @@ def _estimator(setup: Setup, specimen: Specimen, lead: int) -> Block:
     if setup.case.method == "paper":
         return kalman_filter.kalman_block(specimen, kalman.q, kalman.r, dt, knows_table=False)
     informed = kalman_filter.kalman_block(specimen, kalman.q, kalman.r, dt, knows_table=True)
-    return kalman_filter.with_residual(informed, specimen, kalman.residual_hz, lead * dt)
+    carried = kalman_filter.carried_by_correction(specimen, kalman.q, kalman.r, lead * dt)
+    return kalman_filter.with_residual(informed, specimen, kalman.residual_hz, lead * dt, carried)
 
 
 def _shear(setup: Setup, identified: Identification, lead: int, residual: float = 1.0) -> InterfaceForce:

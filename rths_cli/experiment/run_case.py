@@ -15,7 +15,7 @@ from rths_cli.analysis import accept_limits
 from rths_cli.analysis.critical_delay import critical_delay_range
 from rths_cli.analysis.references import reference_of
 from rths_cli.case.load import resolved_yaml
-from rths_cli.experiment import result_contents, run_metrics, true_reference
+from rths_cli.experiment import residual_drift, result_contents, run_metrics, true_reference
 from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.identify_output import try_folder
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
     from rths_cli.control.part_designs import OwnParts
     from rths_cli.experiment.true_reference import TrueReference
+    from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
     from rths_cli.structure import Building
 
@@ -106,12 +107,15 @@ def run_case(
         result_contents.write_record(writer, setup)
         sim, values = _simulations(setup, writer, shared, progress)
         played = Played(None, {})
-        truth = _truth(setup, sim, shared, progress) if "exp_rths" in case.runs else None
+        truth = truth_of(setup, sim, shared, progress) if "exp_rths" in case.runs else None
         if known is not None and checked is not None:
             played = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
             values |= played.values
             if truth is not None and played.true_accel is not None:
                 values |= true_reference.metrics_of(setup, truth, played.true_accel, values)
+            if "exp_rths.residual_drift_m" in values and not setup.declared:
+                change_m = _change_of_residual_drift(setup, sim, shared)
+                values |= residual_drift.metrics_of(setup, sim, change_m, values)
             cautions = (*played.said, *cautions)
         cautions = (*losses_of_runs(values), *cautions)
         late = (played.late.reason,) if played.late else ()
@@ -201,13 +205,20 @@ def _simulations(
     return sim, values
 
 
-def _truth(setup: Setup, sim: Response, shared: SharedValues, progress: Progress) -> TrueReference | None:
-    """Return the true reference; cases with the same record, building and rig compute it once."""
+def truth_of(setup: Setup, sim: Response, shared: SharedValues, progress: Progress) -> TrueReference | None:
+    """Return the true reference, None where nobody knows the specimen; cases with the same record, building and rig
+    compute it once."""
     case = setup.case
     key = (*_of_sim(setup), case.table.model_dump_json(), case.delay_s, "sim_delay" in case.runs)
     return _for(setup, shared).get(
         "true_reference", key, lambda: interruptible(lambda: true_reference.true_reference(setup, sim, progress))
     )
+
+
+def _change_of_residual_drift(setup: Setup, sim: Response, shared: SharedValues) -> Array:
+    """Return what 1 % of base shear makes of SIM's residual drift; cases with the same record and building share it."""
+    change = residual_drift.change_by_base_shear_m
+    return shared.get("residual_drift", _of_sim(setup), lambda: interruptible(lambda: change(setup, sim)))
 
 
 def sim_of(setup: Setup, shared: SharedValues) -> Response:

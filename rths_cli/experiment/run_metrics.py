@@ -129,7 +129,8 @@ def of_laws(
     """Return ductility, residual drift and work of storeys with laws by path; none for a linear building.
 
     `rel_disp_m` (n_storeys, n), `law_force_n` (s, n) of the lowest s storeys, beside their springs. `work_j` (s,) of
-    the laws; None: by the trapezoidal rule over the drift. What is not known of further storeys is NaN.
+    the laws; None: by the trapezoidal rule over the drift, and the motion is that of a test, in which accelerometers do
+    not know the residual drift of the storeys on the table. What is not known of a storey is NaN.
     """
     if building.linear:
         return {}
@@ -141,9 +142,12 @@ def of_laws(
     springs = np.concatenate([storey_values(building.numerical.K), storey_values(building.specimen.K)])
     work = np.full(building.storeys, np.nan)
     work[:known] = 0.5 * springs[:known] * drift[:known, -1] ** 2 + of_laws_j
+    residual = drift[:, -1].copy()
+    if work_j is None:
+        residual[len(building.numerical.masses_kg) :] = np.nan
     return {
         f"{run}.ductility": np.abs(drift).max(axis=1) / limits,
-        f"{run}.residual_drift_m": drift[:, -1],
+        f"{run}.residual_drift_m": residual,
         f"{run}.restoring_work_j": work,
     }
 

@@ -40,6 +40,12 @@ class TrueReference:
     as_declared: bool
 
 
+def is_another(setup: Setup) -> bool:
+    """Tell whether the specimen is known, and another one than declared."""
+    building = true_building(setup.case, setup.building)
+    return building is not None and building is not setup.building
+
+
 def true_reference(setup: Setup, sim: Response, progress: Progress) -> TrueReference | None:
     """Return the true reference of a case; None where nobody knows its specimen.
 

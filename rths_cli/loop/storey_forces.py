@@ -35,6 +35,8 @@ from rths_cli.structure.storey_laws import (
 
 REMEMBERED = 2 * OWN_STATES  # numbers of a law
 ROUNDS = 10  # of Newton's method for a damper
+LAST_CHANGE = 1e-7  # of a damper's rate, from which on its tangent is exact to rounding
+SERIES = 3e-3  # change of a damper's rate by its own force up to which four terms are exact to 1e-12
 MOST_PIECES = 8  # of a sample's drift, in each of which a hysteresis turns by at most half of its yield drift
 CORNERS = 6  # of Clough's law that a drift of one sample may pass
 BACKBONE, UNLOADING, RELOADING = 1.0, 2.0, 3.0
@@ -43,19 +45,32 @@ BACKBONE, UNLOADING, RELOADING = 1.0, 2.0, 3.0
 @part
 def damper(numbers: Array, rate: float, gives: float) -> float:
     """Return the force of a damper at the rate `rate - gives * force`: `gives` in m/s per N, at least zero."""
-    c, power, knee = numbers[0], numbers[1], numbers[2]
+    c, power, knee, slope = numbers[0], numbers[1], numbers[2], numbers[3]
     size = abs(rate)
-    slope = c * knee ** (power - 1.0)
     if size <= knee * (1.0 + gives * slope):
         return slope * rate / (1.0 + gives * slope)
-    v = knee if power < 1.0 else size  # from the side on which the steps cannot overshoot
+    v = size
+    force = c * v**power
+    r = gives * force / size
+    if power <= 1.0 and r <= SERIES:  # the force over c size^p is s = (1 - r s)^p: Lagrange's series
+        p, q = power, -r
+        last = p * (5.0 * p - 1.0) * (5.0 * p - 2.0) * (5.0 * p - 3.0) / 24.0
+        third = p * (4.0 * p - 1.0) * (4.0 * p - 2.0) / 6.0
+        factor = 1.0 + q * (p + q * (p * (3.0 * p - 1.0) / 2.0 + q * (third + q * last)))
+        return math.copysign(factor * force, rate)
+    if power < 1.0 and size * (1.0 + (power - 1.0) * r) < knee * (1.0 + power * r):
+        v, force = knee, slope * knee  # the tangent at the whole rate leads too far; below the root no step overshoots
+    elif power > 1.0 and r > 1.0:
+        v, force = size * r ** (-1.0 / power), size / gives  # still above the root, from which no step overshoots
     for _ in range(ROUNDS):
-        force = c * v**power
-        change = (v + gives * force - size) / (1.0 + gives * power * force / v)
-        v -= change
-        if abs(change) <= 1e-12 * v:
+        tangent = power * force / v
+        change = (size - v - gives * force) / (1.0 + gives * tangent)
+        if abs(change) <= LAST_CHANGE * v:
+            force += tangent * change
             break
-    return math.copysign(c * v**power, rate)
+        v += change
+        force = c * v**power
+    return math.copysign(force, rate)
 
 
 @part
@@ -65,6 +80,16 @@ def hysteresis(numbers: Array, memory: Array, u: float) -> float:
     way = (u - memory[2]) / limit
     pieces = min(MOST_PIECES, 1 + int(2.0 * abs(way) * (1.0 + numbers[3])))
     h = way / pieces
+    memory[2] = u
+    if numbers[6] == 0.0 and numbers[7] == 0.0 and numbers[8] == 0.0 and numbers[9] == 0.0:  # e changes nothing
+        y, side, h = math.copysign(1.0, way) * memory[0], math.copysign(1.0, way), abs(h)
+        for _ in range(pieces):
+            y1 = h * undegraded(numbers, y)
+            y2 = h * undegraded(numbers, y + 0.5 * y1)
+            y3 = h * undegraded(numbers, y + 0.5 * y2)
+            y += (y1 + 2.0 * y2 + 2.0 * y3 + h * undegraded(numbers, y + y3)) / 6.0
+        memory[0] = side * y
+        return numbers[0] * (memory[0] * limit - u)
     for _ in range(pieces):
         y1, e1 = bent(numbers, memory[0], memory[1], h)
         y2, e2 = bent(numbers, memory[0] + 0.5 * y1, memory[1] + 0.5 * e1, h)
@@ -72,8 +97,18 @@ def hysteresis(numbers: Array, memory: Array, u: float) -> float:
         y4, e4 = bent(numbers, memory[0] + y3, memory[1] + e3, h)
         memory[0] += (y1 + 2.0 * y2 + 2.0 * y3 + y4) / 6.0
         memory[1] += (e1 + 2.0 * e2 + 2.0 * e3 + e4) / 6.0
-    memory[2] = u
     return numbers[0] * (memory[0] * limit - u)
+
+
+@part
+def undegraded(numbers: Array, y: float) -> float:
+    """Return the slope of Bouc and Wen's variable, without degradation and pinching; y is positive where the drift
+    goes."""
+    n, size = numbers[3], abs(y)
+    bends = numbers[5] * size + numbers[4] * y
+    if n == 1.0:
+        return 1.0 - bends
+    return 1.0 - bends * (size if n == 2.0 else size ** (n - 1.0))
 
 
 @part
@@ -81,7 +116,7 @@ def bent(numbers: Array, y: float, e: float, way: float) -> tuple[float, float]:
     """Return the change of Bouc and Wen's variable and of the dissipated energy over a way, of the yield drift."""
     n, beta, gamma = numbers[3], numbers[4], numbers[5]
     nu = 1.0 + numbers[7] * e
-    size = abs(y) if n == 1.0 else abs(y) ** n
+    size = abs(y) if n == 1.0 else y * y if n == 2.0 else abs(y) ** n
     turns = gamma + (beta if y * way > 0.0 else -beta)
     change = ((1.0 - numbers[6] * e) - nu * size * turns) * way / (1.0 + numbers[8] * e)
     if numbers[9] > 0.0:

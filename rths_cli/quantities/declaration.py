@@ -29,7 +29,7 @@ class Quantity:
     which way it improves; `text`: its meaning; `kinds`: the suffixes under which it stands too; `band`: where in
     frequency it is evaluated, "" where that says nothing; `reference`: the publication that defines it; `scales_as`:
     the units by whose factor a motion or force of the building scales to the prototype; "" for a figure of the rig or
-    of the loop, which has no value in prototype scale.
+    of the loop, which has no value in prototype scale; `partial`: storeys that have no such figure are NaN.
     """
 
     path: str
@@ -41,6 +41,7 @@ class Quantity:
     band: str = ""
     reference: str = ""
     scales_as: str = ""
+    partial: bool = False
 
     @property
     def group(self) -> str:

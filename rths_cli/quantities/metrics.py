@@ -187,11 +187,24 @@ def _of_response() -> Iterator[Quantity]:
 def _of_laws(run: str, label: str) -> Iterator[Quantity]:
     only = "where storeys have laws"
     ductility = f"largest |inter-storey drift| over the yield drift of the storey's laws, {label} ({only})"
-    yield Quantity(f"{run}.ductility", "1", "storey", NONE, ductility)
-    residual = f"inter-storey drift at the record's last sample, {label}, not at rest ({only})"
-    yield Quantity(f"{run}.residual_drift_m", "m", "storey", NONE, residual, scales_as="m")
+    yield Quantity(f"{run}.ductility", "1", "storey", NONE, ductility, partial=True)
+    residual = f"inter-storey drift at the record's last sample, {label}, not at rest ({only}"
+    residual += ")" if run.startswith("sim") else "; of the computed storeys: accelerometers do not know the others')"
+    yield Quantity(f"{run}.residual_drift_m", "m", "storey", NONE, residual, scales_as="m", partial=True)
+    if run == "exp_rths":
+        yield from _of_residual_drift(only)
     work = f"work of the storey's spring and laws up to the record's end, {label}, without dashpots ({only})"
-    yield Quantity(f"{run}.restoring_work_j", "J", "storey", NONE, work, scales_as="J")
+    yield Quantity(f"{run}.restoring_work_j", "J", "storey", NONE, work, scales_as="J", partial=True)
+
+
+def _of_residual_drift(only: str) -> Iterator[Quantity]:
+    change = f"larger change of SIM's residual drift by a base shear that is 1 % larger or smaller ({only})"
+    yield Quantity("exp_rths.residual_drift_change_m", "m", "storey", NONE, change, scales_as="m", partial=True)
+    shear = "relative standard uncertainty of the base shear: that of the case (base_shear_uncertainty) and the "
+    shear += f"tracking error over the interface's acceleration, as the root of their squares ({only})"
+    yield Quantity("exp_rths.base_shear_uncertainty", "1", "", NONE, shear)
+    unsure = f"standard uncertainty of the residual drift, from that of the base shear ({only})"
+    yield Quantity("exp_rths.residual_drift_uncertainty_m", "m", "storey", NONE, unsure, scales_as="m", partial=True)
 
 
 def _against_sim() -> Iterator[Quantity]:

@@ -53,7 +53,8 @@ def answer(result: Result, width: int = WIDEST, whole: bool = False) -> str:
     diverged = (
         f"{_diverged(result)}." if grade(result) is None and _diverged(result) else ""
     )  # else the verdict says it
-    told = [sentence for sentence in (base_shear(result), fidelity(result), diverged) if sentence]
+    of_building = base_shear(result), storeys_with_laws(result)
+    told = [sentence for sentence in (*of_building, fidelity(result), diverged) if sentence]
     lines += ["", *(line for sentence in told for line in _wrapped(sentence, width))] if told else []
     last = _wrapped(_next(result), width)
     room = MOST_LINES - len(lines) - len(last)
@@ -557,6 +558,26 @@ def base_shear(result: Result) -> str:
             shear, share = three(float(np.asarray(value))), three(float(np.asarray(ratio)))
             return f"Base shear of the building ({label}): {shear} N, {share} of its weight."
     return ""
+
+
+def storeys_with_laws(result: Result) -> str:
+    """Return the sentence on ductility, residual drift and work of the storeys with laws, "" for a linear building."""
+    run = _shown_run(result)
+    if f"{run}.ductility" not in result.metrics:
+        return ""
+    kinds = ("ductility", "residual_drift_m", "residual_drift_uncertainty_m", "restoring_work_j")
+    ductility, residual, unsure, work = (
+        np.atleast_1d(np.asarray(result.metrics.get(f"{run}.{kind}", np.nan), dtype=float)) for kind in kinds
+    )
+    said = []
+    for storey in np.flatnonzero(np.isfinite(work)):
+        figures = [f"ductility {three(ductility[storey])}"] if np.isfinite(ductility[storey]) else []
+        known = unsure.size > 1 and np.isfinite(unsure[storey])
+        end = f"{three(1e3 * residual[storey])} mm" + (f" +- {three(1e3 * unsure[storey])} mm" if known else "")
+        said.append(", ".join([*figures, f"drift at the end {end}", f"work {three(work[storey])} J"]))
+        said[-1] = f"storey {storey + 1}: {said[-1]}"
+    more = f"; {len(said) - MOST_NAMES} more" if len(said) > MOST_NAMES else ""
+    return f"Storeys with laws ({NAMES[run]}): {'; '.join(said[:MOST_NAMES])}{more}." if said else ""
 
 
 def fidelity(result: Result) -> str:

@@ -230,7 +230,12 @@ class ViscousPower(Law):
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        return self.coefficient, self.exponent, self.linear_below_m_per_s
+        return self.coefficient, self.exponent, self.linear_below_m_per_s, self._straight
+
+    @property
+    def _straight(self) -> float:
+        """Return the slope at rest in N s/m."""
+        return self.coefficient * self.linear_below_m_per_s ** (self.exponent - 1.0)
 
     @property
     def at_rest(self) -> tuple[float, float]:
@@ -242,8 +247,7 @@ class ViscousPower(Law):
 
     @property
     def tangents(self) -> Tangents:
-        straight = self.coefficient * self.linear_below_m_per_s ** (self.exponent - 1.0)
-        return Tangents(dashpot=(0.0, straight) if self.exponent < 1.0 else (straight, np.inf))
+        return Tangents(dashpot=(0.0, self._straight) if self.exponent < 1.0 else (self._straight, np.inf))
 
 
 @dataclass(frozen=True)

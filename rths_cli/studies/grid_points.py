@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rths_cli.case.keys_without_effect import without_effect
 from rths_cli.case.load import PlacedSettings, load_written
 from rths_cli.errors import InputError
+from rths_cli.experiment.true_reference import is_another
 from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.studies.plan import Plan
 from rths_cli.studies.study_plan import Asked, Planned, read_plan
@@ -54,7 +55,8 @@ class Points:
 def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
     """Read and check every point of the plan; raises InputError with every fault and the point it is at."""
     planned = read_plan(asked)
-    plan, columns = planned.plan, kept_columns(planned.metrics, planned.study)
+    plan, has_laws, has_truth = planned.plan, False, False
+    kept_columns(planned.metrics, planned.study)  # an unknown metric is told before the points are read
     stages = _Stages()
     digest, storeys = hashlib.sha256(), 0
     first: Setup | None = None
@@ -68,6 +70,7 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
         for doubt in unit_doubts(setup):
             doubts.setdefault(doubt.rpartition(": ")[2], []).append(doubt)  # by its question
         storeys, first = max(storeys, setup.case.n_storeys), first or setup
+        has_laws, has_truth = has_laws or not setup.building.linear, has_truth or is_another(setup)
     assert first is not None  # a plan has a point
     if unread:
         names = {axis.key: axis.name for axis in plan.axes}
@@ -75,6 +78,7 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
         raise InputError(*(f"{names[key]}: changes nothing in a sweep, {why}; {advice}" for key, why in unread.items()))
     if planned.own_seed:
         plan = replace(plan, seeds=range(first.case.seed, first.case.seed + 1))
+    columns = kept_columns(planned.metrics, planned.study, has_laws, has_truth)
     digest.update(repr((plan.digest(), [column.path for column in columns], first.overrides)).encode())
     base, told = _base(asked, planned, shared, first), tuple(_doubt(each, plan) for each in doubts.values())
     return Points(asked, planned, base, plan, columns, stages.order(), storeys, digest.hexdigest(), told)

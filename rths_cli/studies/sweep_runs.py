@@ -13,19 +13,27 @@ import numpy as np
 
 from rths_cli.analysis.metrics import room_for_pairs
 from rths_cli.errors import InputError, RthsError, crash_note
+from rths_cli.experiment import run_metrics, true_reference
 from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache, key
-from rths_cli.experiment.one_table_run import HYBRID_TEST, errors_of, plan_run, play_run, run_of
+from rths_cli.experiment.one_table_run import (
+    HYBRID_TEST,
+    errors_of,
+    plan_run,
+    play_run,
+    run_of,
+    true_accelerations,
+)
 from rths_cli.experiment.provenance import model_sha256
-from rths_cli.experiment.run_case import acceptance, sim_of
+from rths_cli.experiment.run_case import acceptance, sim_of, truth_of
 from rths_cli.experiment.setup import building_key, make_setup, motion_key
 from rths_cli.experiment.table_runs_of_case import why_none, why_unsafe
 from rths_cli.loop.run_log import Log, Sizes, empty_log
 from rths_cli.numerics.compiled import processor
 from rths_cli.numerics.shared_values import SharedValues
-from rths_cli.studies.sweep_table import Column, Row, columns, flat, width
+from rths_cli.studies.sweep_table import RUN, Column, Row, columns, flat, width
 
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
@@ -34,11 +42,14 @@ if TYPE_CHECKING:
     from rths_cli.experiment.model_choice import Known
     from rths_cli.experiment.one_table_run import RunPlan, Stop
     from rths_cli.experiment.setup import Progress, Setup
+    from rths_cli.experiment.true_reference import TrueReference
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
 
 # of what a run computes
-NO_PART = {"path", "yaml_text", "name", "notes", "seed", "runs", "accept", "reference", "report_in"}
+NO_PART = {
+    "path", "yaml_text", "name", "notes", "seed", "runs", "accept", "base_shear_uncertainty", "reference", "report_in",
+}  # fmt: skip
 MOTION = {"record", "scaling", "scale", "record_filter", "delay_s"}  # what no block depends on
 
 
@@ -58,13 +69,14 @@ class Keys:
 @dataclass(frozen=True)
 class Ready:
     """A grid point ready to be played with any seed: its run of EXP-RTHS and the SIM that its errors are measured
-    against, None where `refused` says why it is not played."""
+    against, None where `refused` says why it is not played; `truth` where the specimen is another than declared."""
 
     setup: Setup
     checked: Verdict
     refused: str
     plan: RunPlan | None = None
     sim: Response | None = None
+    truth: TrueReference | None = None
 
 
 class Shared:
@@ -112,7 +124,9 @@ class Shared:
         refused = why_none(setup, known, checked) or why_unsafe(setup, checked)
         if refused or checked.design is None:
             return Ready(setup, checked, refused)
-        return Ready(setup, checked, "", plan_run(setup, checked.design, HYBRID_TEST), sim_of(setup, values))
+        sim = sim_of(setup, values)
+        truth = truth_of(setup, sim, values, self._progress) if true_reference.is_another(setup) else None
+        return Ready(setup, checked, "", plan_run(setup, checked.design, HYBRID_TEST), sim, truth)
 
     def _memory(self, setup: Setup) -> Memory:
         return self._values.get("memory", _model_key(setup), lambda: Memory(Cache()))
@@ -151,7 +165,7 @@ def play_variant(ready: Ready, variant: int, seed: int, of: Sequence[Column], st
     if ready.plan is None or ready.sim is None:
         return row
     try:
-        stop, errors = _played(ready.plan, ready.sim, seed)
+        stop, errors = _played(ready.plan, ready.sim, ready.truth, seed)
     except Exception as error:
         return failed(row, error)
     values = {**checked.figures, **errors}
@@ -183,15 +197,21 @@ def failed(row: Row, error: Exception) -> Row:
     return replace(row, status="failed", reason=reason, exit_code=5)
 
 
-def _played(plan: RunPlan, sim: Response, seed: int) -> tuple[Stop | None, Values]:
-    """Return why a run ended early and no errors, or None and its errors by path."""
+def _played(plan: RunPlan, sim: Response, truth: TrueReference | None, seed: int) -> tuple[Stop | None, Values]:
+    """Return why a run ended early and no figures, or None, its errors and the response of its laws by path."""
     setup, design = plan.setup, plan.design
     outcome = play_run(plan, seed, _log(plan))
-    run = run_of(outcome, setup, plan.kind, design.blocks.lead_samples, plan.expected, only_accelerations=True)
+    linear = setup.building.linear
+    run = run_of(outcome, setup, plan.kind, design.blocks.lead_samples, plan.expected, only_accelerations=linear)
     if run.stopped is not None:
         return run.stopped, {}
     room = _room(2 + 2 * len(sim.abs_accel_m_s2), sim.abs_accel_m_s2.shape[1])
-    return None, errors_of(run, setup, sim, room)
+    values = dict(errors_of(run, setup, sim, room))
+    if run.building is not None and run.series.law_force_n is not None:
+        values |= run_metrics.of_laws(RUN, setup.building, run.building.rel_disp_m, run.series.law_force_n)
+    if truth is not None and (accel := true_accelerations(run, setup)) is not None:
+        values |= true_reference.metrics_of(setup, truth, accel, values)
+    return None, values
 
 
 def _room(pairs: int, samples: int) -> Array:
@@ -205,10 +225,10 @@ def _room(pairs: int, samples: int) -> Array:
 
 def _log(plan: RunPlan) -> Log:
     """Return this thread's log, lean where every storey is measured: the next run of the same size uses it again."""
-    channels, estimates = len(plan.setup.rig.channels), len(plan.design.blocks.estimator.C)
-    lean = len(plan.setup.building.numerical.masses_kg) == 1
-    sizes = Sizes(channels, estimates, further=len(plan.setup.rig.further))
-    asked = (len(plan.drive), sizes, lean, channels)
+    blocks, building, info = plan.design.blocks, plan.setup.building, plan.setup.rig
+    channels, estimates = len(info.channels), len(blocks.estimator.C)
+    lean = len(building.numerical.masses_kg) == 1 and building.linear
+    asked = (len(plan.drive), Sizes(channels, estimates, len(blocks.logs), further=len(info.further)), lean, channels)
     if getattr(_THREAD, "logged", None) != asked:
         _THREAD.logged, _THREAD.log = asked, empty_log(*asked)
     log: Log = _THREAD.log

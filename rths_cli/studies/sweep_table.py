@@ -26,6 +26,8 @@ CHECKED = (
     "spectral_radius", "sensitivity_peak", "gain_margin", "phase_margin_deg", "delay_margin_s", "critical_delay_s",
     "largest_scaling", "peak_displacement_m", "peak_command_v", "tracking_rms_m_s2", "rms_error_m_s2",
 )  # fmt: skip
+OF_LAWS = tuple(f"{RUN}.{name}" for name in ("ductility", "residual_drift_m", "restoring_work_j"))
+OF_TRUTH = tuple(f"{RUN}.true_reference_{name}" for name in ("rms_error_m_s2", "nrmse_percent", "ratio"))
 Column = Quantity
 """One metric of a sweep: one number per run, or one per run and storey."""
 
@@ -49,11 +51,12 @@ class Row:
 
 
 def columns() -> tuple[Column, ...]:
-    """Return the metrics that a sweep keeps of each run: errors of EXP-RTHS, then what its check foretold."""
+    """Return the metrics that a sweep keeps of each run: errors of EXP-RTHS, the response of storeys with laws, errors
+    against the true reference, then what its check foretold."""
     errors = ("tracking_{}_m_s2", "{}_error_m_s2")
     kinds = ("", "_full", "_true", "_true_full")
     played = [f"{RUN}.{of.format(which)}{kind}" for of in errors for kind in kinds for which in ("max", "rms")]
-    return tuple(METRICS[path] for path in (*played, *(f"check.{name}" for name in CHECKED)))
+    return tuple(METRICS[path] for path in (*played, *OF_LAWS, *OF_TRUTH, *(f"check.{name}" for name in CHECKED)))
 
 
 def width(of: Sequence[Column], storeys: int) -> int:
@@ -73,17 +76,23 @@ def flat(of: Sequence[Column], storeys: int, values: Mapping[str, ArrayLike]) ->
     return row
 
 
-def kept_columns(metrics: Sequence[str] | None, study: Path | None) -> tuple[Column, ...]:
+def kept_columns(
+    metrics: Sequence[str] | None, study: Path | None, has_laws: bool = False, has_truth: bool = False
+) -> tuple[Column, ...]:
     """Return the metrics that a sweep keeps when a study chooses some (None: all), and those that every table has.
 
-    Raises InputError for a metric that a sweep does not compute.
+    `has_laws`: whether computed storeys of a run have laws, `has_truth`: whether a specimen is another than declared;
+    without them all does not contain what would be NaN or the same as other metrics. Raises InputError for a metric
+    that a sweep does not compute.
     """
+    of_none = (*(() if has_laws else OF_LAWS), *(() if has_truth else OF_TRUTH))
     known = {column.path: column for column in columns()}
     unknown = [path for path in metrics or () if path not in known]
     if unknown:
         computed = "a sweep does not compute it"
         raise InputError(*(f"{study}: metrics: {path}: {computed}{near(path, known)}" for path in unknown))
-    return tuple(column for path, column in known.items() if metrics is None or path in (*metrics, *NEEDED))
+    kept = (*metrics, *NEEDED) if metrics is not None else [path for path in known if path not in of_none]
+    return tuple(column for path, column in known.items() if path in kept)
 
 
 class Table:

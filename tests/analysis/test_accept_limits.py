@@ -30,6 +30,27 @@ def test_the_value_that_a_limit_of_one_half_judges(
     assert figure(path) == "a.b"
 
 
+@pytest.mark.parametrize(
+    ("path", "values", "judged", "met"),
+    [
+        ("exp_rths.ductility", [2.0, math.nan, 3.0], 3.0, True),  # storeys without a yield drift have none
+        ("exp_rths.ductility", [2.0, math.nan, 5.0], 5.0, False),
+        ("exp_rths.residual_drift_m", [-5.0, math.nan], -5.0, False),
+        ("exp_rths.ductility[1]", [2.0, math.nan], 2.0, True),
+    ],
+)
+def test_of_a_figure_that_not_every_storey_has_those_that_have_it_count(
+    path: str, values: list[float], judged: float, met: bool
+) -> None:
+    assert judge(path, 4.0, values) == Judged(path, 4.0, judged, met)
+
+
+@pytest.mark.parametrize("path", ["exp_rths.ductility", "exp_rths.ductility[2]"])
+def test_a_storey_without_the_figure_meets_no_limit(path: str) -> None:
+    found = judge(path, math.inf, [math.nan, math.nan])
+    assert found.value is not None and math.isnan(found.value) and not found.met
+
+
 def test_what_is_not_a_number_meets_no_limit() -> None:
     found = judge("a.b", math.inf, [0.1, math.nan])
     assert found.value is not None and math.isnan(found.value) and not found.met

@@ -163,10 +163,17 @@ def test_laws_go_with_the_exact_scheme_only() -> None:
 
 
 @pytest.mark.parametrize(
-    ("power", "c", "gives", "rate"), [(0.2, 50.0, 0.01, 0.3), (0.5, 5.0, 0.001, -2e-2), (2.5, 900.0, 0.02, 1.5)]
+    ("power", "c", "gives", "rate"),
+    [
+        (0.2, 50.0, 0.01, 0.3),
+        (0.5, 5.0, 0.001, -2e-2),
+        (0.5, 5.0, 1e-5, -2e-2),
+        (2.5, 900.0, 0.02, 1.5),
+        (3.0, 4000.0, 0.03, 5.0),
+    ],
 )
 def test_a_damper_solves_its_own_equation(power: float, c: float, gives: float, rate: float) -> None:
     """The rate falls with the damper's own force: v + gives c v^a = rate, by bisection."""
     v = brentq(lambda v: v + gives * c * v**power - abs(rate), 1e-5, abs(rate), xtol=1e-15)
-    found = damper.py_func(np.array([c, power, 1e-5]), rate, gives)  # type: ignore[attr-defined]
-    assert found == pytest.approx(np.sign(rate) * c * v**power, rel=1e-9)
+    found = damper.py_func(np.array([c, power, 1e-5, c * 1e-5 ** (power - 1.0)]), rate, gives)  # type: ignore[attr-defined]
+    assert found == pytest.approx(np.sign(rate) * c * v**power, rel=1e-11)

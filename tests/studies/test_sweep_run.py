@@ -143,6 +143,27 @@ def test_a_row_of_a_building_with_computed_storeys_below_is_too(folder: Path, tm
         assert found.shape == (4,) and found == pytest.approx(alone[f"exp_rths.{which}"], rel=1e-12)
 
 
+def test_rows_of_storeys_with_laws_on_another_specimen_are_too(folder: Path, tmp_path: Path, memory: Memory) -> None:
+    settings = (
+        "structure.numerical.masses_kg=[6.93, 6.93]",
+        "structure.numerical.stiffness_n_per_m=[7300, 7300]",
+        "structure.numerical.law=[null, {kind: bilinear, yield_displacement_m: 0.0005, hardening: 0.1}]",
+        "table.after_identification.specimen_stiffness_factor=0.95",
+        "accept={exp_rths.ductility: 50, 'exp_rths.restoring_work_j[2]': 1e-9}",
+    )
+    request = asked(folder, seeds="1", settings=settings)
+    sweep = swept(request, tmp_path / "s.h5", overrides=("check",)).sweep
+    case = load_cases([folder / "a.yaml"], (*settings, "runs=[sim_delay, exp_rths]"))[0]
+    run_case.run_case(make_setup(case, ("check",)), tmp_path / "a.h5", memory, "test", lambda _: None)
+    alone = read_result(tmp_path / "a.h5")
+    for path, figure in sweep.figures.items():
+        assert figure.values[0] == pytest.approx(alone.metrics[path], rel=1e-12, nan_ok=True), path
+    assert sweep.figures["exp_rths.ductility"].values[0, 1] > 1.0
+    assert (sweep.figures["exp_rths.true_reference_ratio"].values[0] > 0.0).all()
+    for reason in (sweep.texts["reason"][0], alone.attributes["status_reason"]):
+        assert reason.startswith("exp_rths.restoring_work_j[2] = ") and "ductility" not in reason
+
+
 def test_a_varied_scale_gives_the_rows_of_runs_alone(folder: Path, tmp_path: Path, memory: Memory) -> None:
     """A sweep shares what two lengths have in common, and not the record; its figures are in model scale."""
     request = asked(folder, "scale.length=1,1.21", settings=("report_in=prototype",))

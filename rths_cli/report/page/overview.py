@@ -12,7 +12,15 @@ from rths_cli.files.result_reader import Result
 from rths_cli.files.stored_case import stored_case, storey_heights_m
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities.units import typeset
-from rths_cli.report.answer import about, base_shear, grade, not_accepted, storey_columns, verdict
+from rths_cli.report.answer import (
+    about,
+    base_shear,
+    grade,
+    not_accepted,
+    storey_columns,
+    storeys_with_laws,
+    verdict,
+)
 from rths_cli.report.page.html import Html, classed, details, element, join, table
 from rths_cli.report.page.summary import BAD, GOOD, OPEN, name_of
 
@@ -140,4 +148,5 @@ def _response(result: Result) -> Html:
     rows = ([label, *(one.cells[place] for one in columns)] for place, label in enumerate(labels))
     shear = base_shear(result)
     shown = table(heads, rows, "figures", ["", *(one.group for one in columns)])
-    return join([shown, classed("p", "note", shear) if shear else Html("")])
+    notes = (note for note in (shear, storeys_with_laws(result)) if note)
+    return join([shown, *(classed("p", "note", note) for note in notes)])

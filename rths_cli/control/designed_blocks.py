@@ -101,6 +101,19 @@ class Blocks:
             if one.fault is not None and not isinstance(one.fault, Exception):
                 raise one.fault
 
+    def without_watch(self) -> Blocks:
+        """Return the blocks that make the same commands to the last bit, without those that only watch: no estimates
+        beside the interface force, and no expected accelerations of the floors."""
+        force, made = self.interface.force, self.estimator
+        told = replace(
+            made,
+            C=force.estimates @ made.C,
+            D=force.estimates @ made.D + force.samples,
+            outputs=_names("interface_force_n", len(force.estimates)),
+        )
+        known = replace(force, estimates=np.eye(len(force.estimates)), samples=np.zeros_like(force.samples))
+        return replace(self, estimator=told, interface=replace(self.interface, force=known), open_loop=None)
+
     @property
     def logs(self) -> tuple[Logged, ...]:
         """Return what the parts log, in the order of the log."""

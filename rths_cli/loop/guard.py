@@ -113,6 +113,11 @@ def without_zeros(limits: GuardLimits, zeros_v: Array) -> GuardLimits:
     return limits._replace(saturation_v=limits.saturation_v - own, further=further)
 
 
+def stopping_at_stuck(limits: GuardLimits) -> GuardLimits:
+    """Return the limits by which every channel that keeps its code for 0.5 s is stuck, whatever it should show."""
+    return limits._replace(stuck=np.full_like(limits.stuck, -1.0))
+
+
 class GuardState(NamedTuple):
     """State of the guard between steps."""
 

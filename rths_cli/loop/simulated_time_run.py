@@ -123,7 +123,8 @@ def play(
     check_commands(info, blocks)
     still = still or Stillness()
     end = np.zeros((still.down + still.after, 3))
-    whole = np.ascontiguousarray(np.vstack([drive, end]), dtype=float)  # any other layout would be compiled anew
+    whole = np.vstack([drive, end]) if len(end) else drive
+    whole = np.ascontiguousarray(whole, dtype=float)  # any other layout would be compiled anew
     course = _Course(whole, len(drive), np.zeros((still.before, channels)), np.zeros((len(end), channels)))
     log = log or empty_log(len(whole), sizes, truths=sizes.channels if compiled else 0)
     log.done[0] = 0

@@ -7,6 +7,8 @@ samples) takes 27 ms instead of 15.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from rths_cli.numerics.compiled import borrowed, entry, part
@@ -16,6 +18,18 @@ FORWARD, BACKWARD = 1, -1
 LANES = 4  # series that are filtered at once
 _Coefficients = tuple[float, float, float, float, float]
 _Sample = tuple[float, float, float]
+
+
+def low_pass(order: int, corner_hz: float, dt_s: float) -> Array:
+    """Return the sections (n_sections, 6) of a Butterworth low pass, designed once for the runs of a sweep."""
+    return _low_pass(order, corner_hz, dt_s).copy()  # neither scipy nor compiled code takes arrays that are read-only
+
+
+@lru_cache(maxsize=8)
+def _low_pass(order: int, corner_hz: float, dt_s: float) -> Array:
+    from scipy.signal import butter
+
+    return np.asarray(butter(order, corner_hz, fs=1.0 / dt_s, output="sos"))
 
 
 def empty_tiles(series: int, samples: int, padding: int) -> Array:
@@ -30,15 +44,21 @@ def filter_tiles_both_ways(sections: Array, tiles: Array, padding: int) -> None:
     samples, which replaces what stands there, and both passes start in the steady state of their first value. A NaN
     makes its whole series NaN.
     """
-    from scipy.signal import sosfilt_zi
-
     if padding:
         end = tiles.shape[1] - padding
         tiles[:, :padding] = 2.0 * tiles[:, padding : padding + 1] - tiles[:, 2 * padding : padding : -1]
         tiles[:, end:] = 2.0 * tiles[:, end - 1 : end] - tiles[:, end - 2 : end - 2 - padding : -1]
-    steady = sosfilt_zi(sections)[:, None, :, None]
+    steady = _steady(tuple(map(tuple, sections.tolist())))[:, None, :, None]
     _run(sections, np.ascontiguousarray(steady * tiles[:, :1]), tiles, FORWARD)
     _run(sections, np.ascontiguousarray(steady * tiles[:, -1:]), tiles, BACKWARD)
+
+
+@lru_cache(maxsize=4)
+def _steady(sections: tuple[tuple[float, ...], ...]) -> Array:
+    """Return the states (n_sections, 2) of sections in the steady state of a constant 1."""
+    from scipy.signal import sosfilt_zi
+
+    return np.asarray(sosfilt_zi(np.array(sections)))
 
 
 @part

@@ -22,6 +22,7 @@ from rths_cli.numerics.filters import (
     LANES,
     empty_tiles,
     filter_tiles_both_ways,
+    low_pass,
 )
 from rths_cli.numerics.lti import Array, ComplexArray
 
@@ -63,14 +64,12 @@ def test_band(series: ArrayLike, dt_s: float, band_hz: float = TEST_BAND_HZ) -> 
 
 def _band(dt_s: float, band_hz: float) -> Array:
     """Return the sections (n_sections, 6) of the test band."""
-    from scipy.signal import butter
-
     if not 0 < dt_s < 0.5 / band_hz:
         raise InputError(
             f"dt_s is {dt_s:g} s, but the {band_hz:g} Hz test band needs one above 0"
             f" and below {0.5 / band_hz:.4f} s: sample faster"
         )
-    return np.asarray(butter(BAND_ORDER, band_hz, fs=1.0 / dt_s, output="sos"))
+    return low_pass(BAND_ORDER, band_hz, dt_s)
 
 
 def _padding(samples: int) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rths_cli.numerics.compiled import borrowed, entry, part
-from rths_cli.numerics.filters import LANES
+from rths_cli.numerics.filters import LANES, low_pass
 from rths_cli.numerics.lti import Array
 
 SLOW_ORDER = 2  # of the Butterworth filter, once
@@ -56,13 +56,13 @@ def take_off_slow_motion(tiles: Array, padding: int, corner_hz: float, dt_s: flo
 
 def _slow(rows: Array, corner_hz: float, dt_s: float) -> Array:
     """Return the slow motion (m, n) of m series (m, n) of block means, `dt_s` apart: parabola and low-passed rest."""
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
     basis = _parabolas(rows.shape[1])
     trend = (rows @ basis.T) @ basis
     more = min(round(CONTINUED_PERIODS / (corner_hz * dt_s)), rows.shape[1])
     continued = np.pad(rows - trend, ((0, 0), (more, more)), "symmetric")
-    low = sosfiltfilt(butter(SLOW_ORDER, corner_hz, fs=1.0 / dt_s, output="sos"), continued, padlen=0)
+    low = sosfiltfilt(low_pass(SLOW_ORDER, corner_hz, dt_s), continued, padlen=0)
     return np.asarray(trend + low[:, more : more + rows.shape[1]])
 
 

@@ -177,8 +177,8 @@ def _excited(
         seconds = loud.command_v.size * setup.rig.dt_s
         what = f"identification{which}, {seconds:.0f} s on the {setup.case.table.kind} table"
         stream = (IDENTIFICATION, number) if number else None
-        command, corrected, lost = repeated(setup, loud.command_v, stream, what, progress)
-        record = Record(command, corrected, loud.parts)
+        command, corrected, further, lost = repeated(setup, loud.command_v, stream, what, progress)
+        record = Record(command, corrected, loud.parts, further)
         notes += [lost] if lost else []
         grown = None
         if options.excitation == "noise":
@@ -209,8 +209,8 @@ def probed(setup: Setup, progress: Progress, stream: int = PROBE) -> tuple[Excit
     low = low_level_probe.probe_plan(setup.rig, excitation_settings(options), options.seed)
     seconds = low.command_v.size * setup.rig.dt_s
     what = f"probe of {seconds:.0f} s at {low.accel_rms_m_s2:.2g} m/s^2 rms"
-    command, corrected, _ = repeated(setup, low.command_v, (stream,), what, progress)
-    return low, Record(command, corrected, low.parts)
+    command, corrected, further, _ = repeated(setup, low.command_v, (stream,), what, progress)
+    return low, Record(command, corrected, low.parts, further)
 
 
 def _lines(setup: Setup, played: Excitation, level: Level) -> tuple[tuple[str, str], ...]:
@@ -241,7 +241,7 @@ def processing(options: IdentificationSpec) -> tuple[tuple[str, str], ...]:
 
 def repeated(
     setup: Setup, command_v: Array, stream: tuple[int, ...] | None, what: str, progress: Progress
-) -> tuple[Array, Array, str]:
+) -> tuple[Array, Array, Array | None, str]:
     """Call `excite`, and again if it was stopped because samples were lost; `what` names it.
 
     Only this excitation is repeated. Raises as `excite` does.
@@ -264,12 +264,12 @@ def _said_of(progress: Progress, what: str, now: str) -> None:
 
 def excite(
     setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None, progress: Progress = lambda _: None
-) -> tuple[Array, Array, str]:
+) -> tuple[Array, Array, Array | None, str]:
     """Play a command (n,) in V through guard and rig; `progress` hears of the seconds of a real rig.
 
-    Returns the command as sent, the corrected channels (c, n) in m/s^2, and notes on reconstructed samples. `stream`
-    names the rig's noise. Raises LimitError if a limit stopped the excitation, SamplesLost if it was that on lost
-    samples, RigError if the rig did.
+    Returns the command as sent, the corrected channels (c, n) in m/s^2, the further channels (f, n) each in its unit
+    (None: there are none), and notes on reconstructed samples. `stream` names the rig's noise. Raises LimitError if a
+    limit stopped the excitation, SamplesLost if it was that on lost samples, RigError if the rig did.
     """
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
     outcome = play_excitation(setup, drive, stream or (IDENTIFICATION,), progress)
@@ -284,7 +284,7 @@ def excite(
     log = outcome.log
     lost = losses_of(log.lost, 1e-9 * log.late_ns, setup.rig.dt_s)
     said = lost.sentence(f"{RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}") if lost.any else ""
-    return log.command_v, log.corrected, said
+    return log.command_v, log.corrected, log.further if setup.rig.further else None, said
 
 
 def play_excitation(setup: Setup, drive: Array, stream: tuple[int, ...], progress: Progress) -> Outcome:

@@ -17,6 +17,7 @@ from rths_cli.identification import (
     level_dependence,
     verdict,
 )
+from rths_cli.identification.absolute_scale import observations, with_scale
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.excitation_headroom import louder
 from rths_cli.identification.frequency_response import estimate, noise_floor
@@ -99,7 +100,8 @@ def identify(
 
 def _recorrected(record: Record, before: tuple[Channel, ...], after: tuple[Channel, ...], dt_s: float) -> Record:
     """Return a record corrected for other sensors than it was."""
-    return Record(record.command_v, recorrected(record.accel_m_s2, before, after, dt_s), record.parts)
+    accel = recorrected(record.accel_m_s2, before, after, dt_s)
+    return Record(record.command_v, accel, record.parts, record.further)
 
 
 def _calibration(data: Evidence, declared: Identification) -> Calibration:
@@ -108,7 +110,9 @@ def _calibration(data: Evidence, declared: Identification) -> Calibration:
     start = Start(declared.specimen.stiffness_n_per_m, declared.specimen.damping_ratio)
     priors = priors_of(data.info, data.settings.sensors_removed)
     seen, low_hz = identify_specimen.motions(data, declared.best, free=False), identify_specimen.lowest_hz(data, start)
-    return calibrate(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
+    found = calibrate(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
+    first_hz = float(declared.specimen.natural_frequency_hz[0])
+    return with_scale(found, observations(data.records, data.info, data.masses_kg, low_hz, first_hz))
 
 
 def _identified(data: Evidence, given: Model | None) -> Identification:

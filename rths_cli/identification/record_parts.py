@@ -48,6 +48,7 @@ class Record:
     command_v: Array
     accel_m_s2: Array
     parts: Parts
+    further: Array | None = None  # (f, n) the channels beside the accelerometers, each in its unit; None: not recorded
     _lines: dict[int, ComplexArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def command_lines(self, count: int, dt_s: float) -> PaddedLines:

@@ -48,7 +48,7 @@ def setup_with(*settings: str) -> Setup:
 def recorded() -> tuple[np.ndarray, np.ndarray, Parts]:
     setup = setup_with()
     plan = excitation.plan(setup.rig, excitation.ExcitationSettings(duration_s=100.0), 0)
-    command, channels, _ = excite(setup, plan.command_v)
+    command, channels, *_ = excite(setup, plan.command_v)
     return command, channels, plan.parts
 
 

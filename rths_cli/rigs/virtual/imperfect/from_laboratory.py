@@ -151,7 +151,7 @@ def _sensing(
         place=np.array([place for _, place in kinds], dtype=float),
         low_pass=2.0 * np.pi * corners[:, 0] * (1.0 + of_channels["low_pass_error"]),
         high_pass=2.0 * np.pi * corners[:, 1] * (1.0 + of_channels["high_pass_error"]),
-        gain=1.0 + of_channels["gain_error"] + of_run[PER_RUN],
+        gain=1.0 + _gain_errors(info, laboratory) + of_run[PER_RUN],
         skew_s=of_channels["skew_s"],
         offset_v=of_channels["offset_v"],
         hum_v=of_channels["hum_v"],
@@ -170,6 +170,16 @@ def _sensing(
 def _above_the_cell(info: RigInfo, interface_mass_kg: float) -> float:
     """Return the mass in kg between a load cell on the table and the specimen."""
     return interface_mass_kg + max((one.plate_mass_kg for one in info.further), default=0.0)
+
+
+def _gain_errors(info: RigInfo, laboratory: Laboratory) -> Array:
+    """Return the gain errors of all channels; those beside the accelerometers have the spread that is declared."""
+    errors, stated = laboratory.values["channels.gain_error"].copy(), laboratory.stated.channels.gain_error
+    if stated.std > 0.0:
+        first = len(info.channels)
+        normal = (errors[first:] - np.resize(stated.mean, errors.size)[first:]) / stated.std
+        errors[first:] = normal * [channel.uncertainty for channel in info.further]
+    return errors
 
 
 def _outputs(info: RigInfo) -> tuple[tuple[int, float], ...]:

@@ -1,0 +1,121 @@
+"""The absolute scale of a calibration, from a displacement sensor of the table and a load cell under the specimen.
+
+Accelerometers alone do not know the gain that all of them share, nor the total mass. A displacement sensor knows the
+first, better the better it is calibrated itself: its reading times -w^2 is the table's acceleration. A load cell knows
+the product of both: its reading is the sum of masses times accelerations. Each is one linear observation of the
+calibration's parameters (`Calibration.covariance`), with the declared uncertainty of its own sensitivity, and is taken
+up by a step of a Kalman filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.identification.least_squares import covariance, parts
+from rths_cli.identification.record_parts import Record
+from rths_cli.identification.results import Calibration
+from rths_cli.numerics.lti import Array, ComplexArray
+from rths_cli.rigs.description import Channel, RigInfo
+
+BELOW_FIRST = 0.5  # of the first natural frequency: there all floors move with the table
+SPAN = 6.0  # highest over lowest frequency of the lines that are compared
+LEAST_LINES = 30
+
+
+@dataclass(frozen=True)
+class Observation:
+    """log(reading over what the accelerometers demand) = weights (p,) @ parameters, with a standard uncertainty."""
+
+    channel: str
+    value: float
+    weights: Array
+    error: float
+
+
+def observations(
+    records: Sequence[Record], info: RigInfo, masses_kg: Array, low_hz: float, first_hz: float
+) -> tuple[Observation, ...]:
+    """Return what the further channels of a rig say of gains and masses; records are those that declared sensors made.
+
+    `masses_kg` (n,) are the weighed masses, `first_hz` is the specimen's first natural frequency on a fixed base. Lines
+    from `low_hz` up are compared, for a load cell only below half of `first_hz`.
+    """
+    found = []
+    for place, channel in enumerate(info.further):
+        if channel.position != "table" or channel.kind not in ("displacement", "force"):
+            continue
+        high_hz = SPAN * low_hz if channel.kind == "displacement" else min(SPAN * low_hz, BELOW_FIRST * first_hz)
+        seen = [_lines(record, place, info.dt_s, (low_hz, high_hz)) for record in records if record.further is not None]
+        if not seen or sum(s.size for s, _, _ in seen) < LEAST_LINES:
+            continue
+        found.append(_observed(channel, seen, masses_kg, len(info.channels)))
+    return tuple(found)
+
+
+def _lines(
+    record: Record, place: int, dt_s: float, band_hz: tuple[float, float]
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Return lines s (m,) in rad/s of a record's excitation, of its accelerations (c, m) and of a further channel (m,).
+
+    The window is von Hann's: the lines are those of signals that begin and end at zero.
+    """
+    assert record.further is not None
+    signals = np.vstack([record.accel_m_s2, record.further[place : place + 1]])[:, record.parts.noise]
+    signals = (signals - signals.mean(axis=1, keepdims=True)) * np.hanning(signals.shape[1])
+    frequency = np.fft.rfftfreq(signals.shape[1], dt_s)
+    inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+    spectra = np.fft.rfft(signals)[:, inside]
+    return np.asarray(2j * np.pi * frequency[inside]), spectra[:-1], spectra[-1]
+
+
+def _observed(
+    channel: Channel, seen: Sequence[tuple[ComplexArray, ComplexArray, ComplexArray]], masses_kg: Array, channels: int
+) -> Observation:
+    """Return the observation of one channel: the real factor a of reading = (a + b s + c / s) demanded.
+
+    b and c are a lag and a corner between the two; they say nothing of the scale.
+    """
+    weights, rows, wanted = np.zeros(3 * channels + len(masses_kg)), [], []
+    own = channel.uncertainty
+    for s, accel, reading in seen:
+        if channel.kind == "displacement":
+            demanded = accel[0] / s**2
+        else:
+            demanded = masses_kg @ accel[1:]
+            reading = reading - channel.plate_mass_kg * accel[0]
+        rows.append(parts(np.array([demanded, s * demanded, demanded / s])))
+        wanted.append(parts(reading))
+    slopes, values = np.hstack(rows), np.concatenate(wanted)
+    factors = np.linalg.lstsq(slopes.T, values, rcond=None)[0]
+    left = values - factors @ slopes
+    variance = float(left @ left) / max(left.size - 3, 1)
+    random = np.sqrt(covariance(slopes, variance)[0, 0]) / abs(factors[0])
+    if channel.kind == "displacement":
+        weights[0] = -1.0
+    else:
+        share, plate = masses_kg / masses_kg.sum(), channel.plate_mass_kg / masses_kg.sum()
+        weights[0], weights[1:channels], weights[3 * channels :] = -plate, -share, share
+        own *= 1.0 + plate
+    value = float(np.log(factors[0])) if factors[0] > 0.0 else np.nan
+    return Observation(channel.name, value, weights, float(np.hypot(random, own)))
+
+
+def with_scale(found: Calibration, seen: Sequence[Observation]) -> Calibration:
+    """Return a calibration that takes up observations; one of a reversed channel (NaN) is left out."""
+    channels = len(found.gain)
+    mean = np.concatenate([np.log(found.gain), np.log(found.coupling), found.late_s, np.log(found.mass)])
+    spread = found.covariance
+    for one in seen:
+        if not np.isfinite(one.value):
+            continue
+        column = spread @ one.weights
+        total = float(one.weights @ column) + one.error**2
+        if total <= 0.0:
+            continue
+        mean = mean + column * (one.value - float(one.weights @ mean)) / total
+        spread = spread - np.outer(column, column) / total
+    gain, coupling, late_s, mass = np.split(mean, [channels, 2 * channels, 3 * channels])
+    return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), spread)

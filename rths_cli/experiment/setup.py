@@ -64,7 +64,12 @@ class Setup:
         if found.calibration is None:
             return self
         declared = self.declared_rig or self.rig
-        rig = replace(declared, channels=calibrated(declared.channels, found.calibration))
+        gains = [*found.calibration.further_gain, *np.ones(len(declared.further))]  # an older model knows none
+        further = tuple(
+            replace(one, sensitivity_v_per_unit=one.sensitivity_v_per_unit * float(gain))
+            for one, gain in zip(declared.further, gains, strict=False)
+        )
+        rig = replace(declared, channels=calibrated(declared.channels, found.calibration), further=further)
         return replace(self, rig=rig, declared_rig=declared)
 
     @property

@@ -29,7 +29,7 @@ LEAST_LINES = 30
 class Observation:
     """log(reading over what the accelerometers demand) = weights (p,) @ parameters, with a standard uncertainty."""
 
-    channel: str
+    place: int  # of the channel among the further ones
     value: float
     weights: Array
     error: float
@@ -51,7 +51,7 @@ def observations(
         seen = [_lines(record, place, info.dt_s, (low_hz, high_hz)) for record in records if record.further is not None]
         if not seen or sum(s.size for s, _, _ in seen) < LEAST_LINES:
             continue
-        found.append(_observed(channel, seen, masses_kg, len(info.channels)))
+        found.append(_observed(place, channel, seen, masses_kg, len(info.channels)))
     return tuple(found)
 
 
@@ -72,8 +72,9 @@ def _lines(
 
 
 def _observed(
-    channel: Channel, seen: Sequence[tuple[ComplexArray, ComplexArray, ComplexArray]], masses_kg: Array, channels: int
-) -> Observation:
+    place: int, channel: Channel, seen: Sequence[tuple[ComplexArray, ComplexArray, ComplexArray]], masses_kg: Array,
+    channels: int,
+) -> Observation:  # fmt: skip
     """Return the observation of one channel: the real factor a of reading = (a + b s + c / s) demanded.
 
     b and c are a lag and a corner between the two; they say nothing of the scale.
@@ -100,11 +101,14 @@ def _observed(
         weights[0], weights[1:channels], weights[3 * channels :] = -plate, -share, share
         own *= 1.0 + plate
     value = float(np.log(factors[0])) if factors[0] > 0.0 else np.nan
-    return Observation(channel.name, value, weights, float(np.hypot(random, own)))
+    return Observation(place, value, weights, float(np.hypot(random, own)))
 
 
-def with_scale(found: Calibration, seen: Sequence[Observation]) -> Calibration:
-    """Return a calibration that takes up observations; one of a reversed channel (NaN) is left out."""
+def with_scale(found: Calibration, seen: Sequence[Observation], further: int = 0) -> Calibration:
+    """Return a calibration that takes up observations; one of a reversed channel (NaN) is left out.
+
+    What an observation is off afterwards is the gain of its own channel, one of `further`: all then tell the same.
+    """
     channels = len(found.gain)
     mean = np.concatenate([np.log(found.gain), np.log(found.coupling), found.late_s, np.log(found.mass)])
     spread = found.covariance
@@ -118,4 +122,7 @@ def with_scale(found: Calibration, seen: Sequence[Observation]) -> Calibration:
         mean = mean + column * (one.value - float(one.weights @ mean)) / total
         spread = spread - np.outer(column, column) / total
     gain, coupling, late_s, mass = np.split(mean, [channels, 2 * channels, 3 * channels])
-    return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), spread)
+    own = np.ones(max([further, *(one.place + 1 for one in seen)]))
+    for one in seen:
+        own[one.place] = np.exp(one.value - float(one.weights @ mean)) if np.isfinite(one.value) else 1.0
+    return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), spread, own)

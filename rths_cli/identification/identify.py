@@ -112,7 +112,8 @@ def _calibration(data: Evidence, declared: Identification) -> Calibration:
     seen, low_hz = identify_specimen.motions(data, declared.best, free=False), identify_specimen.lowest_hz(data, start)
     found = calibrate(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
     first_hz = float(declared.specimen.natural_frequency_hz[0])
-    return with_scale(found, observations(data.records, data.info, data.masses_kg, low_hz, first_hz))
+    seen_beside = observations(data.records, data.info, data.masses_kg, low_hz, first_hz)
+    return with_scale(found, seen_beside, len(data.info.further))
 
 
 def _identified(data: Evidence, given: Model | None) -> Identification:

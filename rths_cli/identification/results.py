@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -160,8 +160,9 @@ class Calibration:
 
     A sensor reads `gain` times what its declared sensitivity lets expect, its AC corner is `coupling` times the
     declared one, and it lags by `late_s` beyond its declared dynamics; `mass` is the true mass over the weighed one.
-    `covariance` (3 c + n, 3 c + n) is that of log gain, log coupling, late_s and log mass, one after the other, given
-    the record and what is declared.
+    `further_gain` (f,) is the gain of each channel beside the accelerometers, 1 where nothing shows it. `covariance`
+    (3 c + n, 3 c + n) is that of log gain, log coupling, late_s and log mass, one after the other, given the record and
+    what is declared.
     """
 
     gain: Array
@@ -169,6 +170,7 @@ class Calibration:
     late_s: Array
     mass: Array
     covariance: Array
+    further_gain: Array = field(default_factory=lambda: np.ones(0))
 
     def error_of(self, combination: Array) -> float:
         """Return the standard uncertainty of a linear combination (3 c + n,) of the covariance's parameters."""

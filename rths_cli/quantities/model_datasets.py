@@ -154,6 +154,7 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("coupling", "1", ("channel",), "corner of a channel's AC coupling over the declared one"),
             ("late_s", "s", ("channel",), "lag of a channel beyond its declared dynamics"),
             ("mass", "1", FLOORS, "mass of a floor over the weighed one"),
+            ("further_gain", "1", ("further_channel",), "the same as gain, of the channels beside the accelerometers"),
             (
                 "covariance", "1", ("parameter", "of_parameter"),
                 "of log gain, log coupling, late_s (in s) and log mass, one after the other",

@@ -13,7 +13,6 @@ from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, Block, StateSpace
 from rths_cli.structure import Specimen
 
-DAMPING = 0.7
 RESIDUAL = ("base_shear_unexplained_n",)
 
 
@@ -108,6 +107,16 @@ def predicted_shear(specimen: Specimen, interface_mass_kg: float, lead_samples: 
     return force_of_one(np.concatenate([row, np.zeros(n)]), weights[:-1], measured, float(weights[-1]))
 
 
+def leading_low_pass(corner_hz: float, lead_s: float) -> StateSpace:
+    """Return the low pass H(s) = (1 + (3 / w + lead) s + (3 / w^2 + 3 lead / w + lead^2 / 2) s^2) / (1 + s / w)^3,
+    w = 2 pi corner_hz, which equals exp(s lead) but for terms of s^3."""
+    w = 2.0 * np.pi * corner_hz
+    x = w * lead_s
+    chain = w * np.array([[-1.0, 0.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])  # three low passes of order one
+    weights = [3.0 + 3.0 * x + 0.5 * x**2, -3.0 - 5.0 * x - x**2, 1.0 + 2.0 * x + 0.5 * x**2]
+    return StateSpace(chain, np.array([[w], [0.0], [0.0]]), np.array([weights]), np.zeros((1, 1)))
+
+
 def carried_by_correction(specimen: Specimen, q: float, r: float, lead_s: float) -> Array:
     """Return what the filter's correction makes of the base shear within `lead_s`, (n,) in N per m/s^2 by which a floor
     is measured beyond its estimate.
@@ -129,22 +138,22 @@ def with_residual(
 ) -> Block:
     """Return the filter with one more output: the base shear in N that the identified specimen does not explain.
 
-    That is r = -sum (m - carried) (measured - estimated floor acceleration), carried `lead_s` ahead by
-    H(s) = (1 + (2 zeta / w + lead) s) / (1 + 2 zeta s / w + s^2 / w^2), w = 2 pi corner_hz, zeta = 0.7: H equals
-    exp(s lead) but for terms of s^2. `carried_n` (n,) is that of `carried_by_correction` where the base shear is
-    predicted, None: zero. A specimen that is not quite the identified one (damage, payload, yielding) then errs in the
-    base shear by (f / corner)^2 of the difference, not by the difference.
+    That is r = -sum (m - carried) (measured - estimated floor acceleration), carried `lead_s` ahead by the low pass of
+    `leading_low_pass`. `carried_n` (n,) is that of `carried_by_correction` where the base shear is predicted, None:
+    zero. A specimen that is not quite the identified one (damage, payload, yielding) then errs in the base shear by
+    (f / corner)^3 of the difference, not by the difference.
     """
     n, h = len(specimen.masses_kg), _lead_filter(corner_hz, lead_s, kalman.dt_s)
     weights = specimen.masses_kg if carried_n is None else specimen.masses_kg - carried_n
+    order = len(h.A)
     floors = slice(2 * n, 3 * n)
     from_state, direct = weights @ kalman.C[floors], weights @ kalman.D[floors]
     direct[1:] -= weights
     return Block(
         kalman.name,
-        np.block([[kalman.A, np.zeros((len(kalman.A), 2))], [np.outer(h.B, from_state), h.A]]),
+        np.block([[kalman.A, np.zeros((len(kalman.A), order))], [np.outer(h.B, from_state), h.A]]),
         np.vstack([kalman.B, np.outer(h.B, direct)]),
-        np.block([[kalman.C, np.zeros((len(kalman.C), 2))], [np.outer(h.D, from_state), h.C]]),
+        np.block([[kalman.C, np.zeros((len(kalman.C), order))], [np.outer(h.D, from_state), h.C]]),
         np.vstack([kalman.D, np.outer(h.D, direct)]),
         kalman.dt_s,
         kalman.inputs,
@@ -153,11 +162,8 @@ def with_residual(
 
 
 def _lead_filter(corner_hz: float, lead_s: float, dt_s: float) -> Block:
-    """Return H of `with_residual`, discretised."""
-    w = 2.0 * np.pi * corner_hz
-    rates = np.array([[0.0, 1.0], [-(w**2), -2.0 * DAMPING * w]])
-    lead = StateSpace(rates, np.array([[0.0], [w**2]]), np.array([[1.0, 2.0 * DAMPING / w + lead_s]]), np.zeros((1, 1)))
-    return discretise(lead, dt_s, "foh", "residual", ("residual_n",), RESIDUAL)
+    """Return the low pass of `with_residual`, discretised."""
+    return discretise(leading_low_pass(corner_hz, lead_s), dt_s, "foh", "residual", ("residual_n",), RESIDUAL)
 
 
 def cell_in_residual(kalman: Block, corner_hz: float, lead_s: float, weight: float) -> tuple[Array, Array]:
@@ -165,7 +171,7 @@ def cell_in_residual(kalman: Block, corner_hz: float, lead_s: float, weight: flo
     the unexplained base shear is `weight` (control.load_cell)."""
     h = _lead_filter(corner_hz, lead_s, kalman.dt_s)
     b, d = np.zeros(len(kalman.A)), np.zeros(len(kalman.C))
-    b[-2:], d[-1] = -weight * h.B[:, 0], -weight * h.D[0, 0]
+    b[-len(h.A) :], d[-1] = -weight * h.B[:, 0], -weight * h.D[0, 0]
     return b, d
 
 

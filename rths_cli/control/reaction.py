@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.control.kalman_filter import DAMPING, specimen_state_space
+from rths_cli.control.kalman_filter import leading_low_pass, specimen_state_space
 from rths_cli.control.state_space import discretise
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Block, Model, StateSpace
@@ -69,17 +69,17 @@ def reaction_block(specimen: Specimen, table: Compliance, delay_s: float, corner
     specimen's reaction which the identified specimen does not explain.
 
     That part is F = -sum m (measured - expected floor acceleration), expected of the identified specimen on the
-    measured table. The command is -rho H(s) F with the low pass H(s) of kalman_filter.with_residual, which leads by lag
-    and by the command's delay. It is zero while the specimen is the identified one.
+    measured table. The command is -rho H(s) F with the `leading_low_pass` H(s), which leads by lag and by the command's
+    delay. It is zero while the specimen is the identified one.
     """
-    n, w = len(specimen.masses_kg), 2.0 * np.pi * corner_hz
-    system, masses = specimen_state_space(specimen), specimen.masses_kg
-    a, b = np.zeros((2 * n + 2, 2 * n + 2)), np.zeros((2 * n + 2, 1 + n))
+    n, h = len(specimen.masses_kg), leading_low_pass(corner_hz, table.lag_s + delay_s)
+    system, masses, order = specimen_state_space(specimen), specimen.masses_kg, len(h.A)
+    a, b = np.zeros((2 * n + order, 2 * n + order)), np.zeros((2 * n + order, 1 + n))
     a[: 2 * n, : 2 * n], b[: 2 * n, 0] = system.A, system.B[:, 0]
-    a[-2:, -2:] = [[0.0, 1.0], [-(w**2), -2.0 * DAMPING * w]]
-    a[-1, : 2 * n], b[-1, 1:] = w**2 * masses @ system.C, -(w**2) * masses
-    c = np.zeros((1, 2 * n + 2))
-    c[0, -2:] = -table.volts_per_newton * np.array([1.0, 2.0 * DAMPING / w + table.lag_s + delay_s])
+    a[2 * n :, 2 * n :] = h.A
+    a[2 * n :, : 2 * n], b[2 * n :, 1:] = np.outer(h.B, masses @ system.C), -np.outer(h.B, masses)
+    c = np.zeros((1, 2 * n + order))
+    c[:, 2 * n :] = -table.volts_per_newton * h.C
     inputs = ("table_accel_m_s2", *(f"floor_accel_{i + 1}_m_s2" for i in range(n)))
     return discretise(StateSpace(a, b, c, np.zeros((1, 1 + n))), dt_s, "foh", "reaction", inputs, ("reaction_v",))
 

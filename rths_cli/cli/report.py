@@ -197,7 +197,7 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
         from rths_cli.report.report_contents import comparison_text
 
         assert asked.output is not None  # check_asked
-        write_page(found.inputs.results, asked.output, command_line(), comparison_text(found))
+        write_page(found.inputs.results, asked.output, command_line(), comparison_text(found), found.inputs.sweeps)
     elif asked.output:
         write_text(asked.output, rendered(asked, found))
     else:

@@ -47,6 +47,7 @@ FORMAT = "rths-sweep"
 FORMAT_VERSION = 1
 CSV_START = b"variant,"
 BATCH_VALUES = 1 << 20  # of one axis, in memory on their way to the disk
+TEXTS_AT_ONCE = 1 << 16
 MOST_RUNS, MOST_STOREYS = 1 << 22, 1000  # of a table that is read whole
 CASE = ("case_yaml", "case_resolved")
 STUDY = "study_yaml"
@@ -171,7 +172,7 @@ def _sweep(file: h5py.File) -> Sweep:
         raise LayoutError("has groups in it")
     _check_table(nodes)
     spelt: dict[str, str] = {}
-    found = {name: _spelt_once(values_of(node, name), spelt) for name, node in nodes.items()}
+    found = {name: _values(node, name, spelt) for name, node in nodes.items()}
     units = {name: (text(node, "units"), text(node, "long_name")) for name, node in nodes.items()}
     keys = str(about["coordinates"]).split()[1:]
     seed = _column(found, "seed", "iu", None)
@@ -205,13 +206,19 @@ def _numbers(file: h5py.File, runs: int) -> NDArray[np.int64]:
     return numbers.astype(np.int64)
 
 
-def _spelt_once(values: Any, spelt: dict[str, str]) -> Any:
-    """Return texts (n,) with equal ones as one object, whatever else as it is: a million rows share few texts."""
-    if not isinstance(values, np.ndarray) or values.dtype.kind != "O":
-        return values
-    return np.array([spelt.setdefault(text, text) for text in map(str, values.ravel())], dtype=object).reshape(
-        values.shape
-    )
+def _values(node: DatasetID, name: str, spelt: dict[str, str]) -> Any:
+    """Return the values of a dataset; equal texts (n,) as one object, for a million rows share few. They are read
+    `TEXTS_AT_ONCE` at a time, because each is an object of its own at first."""
+    import h5py
+
+    dataset = h5py.Dataset(node)
+    if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != 1:
+        return values_of(node, name)
+    found = np.empty(dataset.shape, dtype=object)
+    for start in range(0, len(found), TEXTS_AT_ONCE):
+        part = dataset.asstr()[start : start + TEXTS_AT_ONCE]
+        found[start : start + TEXTS_AT_ONCE] = [spelt.setdefault(text, text) for text in map(str, part)]
+    return found
 
 
 def _check_table(nodes: Mapping[str, DatasetID]) -> None:
@@ -285,7 +292,8 @@ def _csv(sweep: Sweep) -> str:
 def _columns(sweep: Sweep) -> Iterator[tuple[str, list[Any]]]:
     """Yield name and values (n,) of each column: coordinates, texts, figures with their storey in brackets."""
     yield "variant", _variants(sweep).tolist()
-    yield from ((key, [_cell(value) for value in values]) for key, values in sweep.varied.items())
+    for key, values in sweep.varied.items():
+        yield key, [_cell(value) for value in (values.tolist() if isinstance(values, np.ndarray) else values)]
     yield "seed", sweep.seed.tolist()
     yield from ((name, [csv_cell(text) for text in sweep.texts[name]]) for name in TEXTS)
     for path, figure in sweep.figures.items():

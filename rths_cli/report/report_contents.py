@@ -88,8 +88,8 @@ def _compared(baseline: tuple[str, Inputs, float] | None, results: Sequence[Resu
 
 
 def comparison_text(found: Contents) -> str:
-    """Return groups, repeats, baseline, sweeps and faults of the files as text."""
-    return plain_text(list(_more(found)))
+    """Return groups, repeats, baseline and faults of the files as text; sweeps have sections of their own in a page."""
+    return plain_text([*_comparisons(found), *_faulty(found)])
 
 
 def all_blocks(found: Contents, laid_out: bool, paper: bool = False) -> list[Block]:
@@ -99,12 +99,20 @@ def all_blocks(found: Contents, laid_out: bool, paper: bool = False) -> list[Blo
 
 
 def _more(found: Contents) -> Iterator[Block]:
+    yield from _comparisons(found)
+    yield from (Fixed(page(sweep, path).rstrip("\n")) for path, sweep in found.inputs.sweeps)
+    yield from _faulty(found)
+
+
+def _comparisons(found: Contents) -> Iterator[Block]:
     if found.groups:
         yield from group_tables(found.groups, found.keys)
     yield from repeats_tables(found.repeats)
     if found.baseline:
         yield from baseline_blocks(found.baseline.changes, found.baseline.source, found.baseline.percent)
-    yield from (Fixed(page(sweep, path).rstrip("\n")) for path, sweep in found.inputs.sweeps)
+
+
+def _faulty(found: Contents) -> Iterator[Block]:
     if found.unread:
         yield Paragraphs(("Not in the tables", *(f"  {one.sentence}" for one in found.unread)), 4)
     if found.clashes:

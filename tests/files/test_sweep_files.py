@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -147,6 +148,21 @@ def test_a_table_as_csv_keeps_text_and_numbers(tmp_path: Path) -> None:
     assert [float(row["scaling"]) for row in rows] == [0.1, 1 / 3, 2.0]
     assert rows[2]["reason"] == made().texts["reason"][2]
     assert [rows[1][f"a.s[{k}]"] for k in (1, 2, 3)] == ["0.0", "1.0", "0.0"]
+
+
+def test_sampled_values_are_numbers_in_the_csv(tmp_path: Path) -> None:
+    sampled = replace(made(), varied={"scaling": np.array([0.1, 1 / 3, 2.0])})
+    write_csv(tmp_path / "x.csv", sampled)
+    lines = (tmp_path / "x.csv").read_text().splitlines()[1:]
+    assert [line.split(",")[1] for line in lines[:2]] == ["0.1", repr(1 / 3)]
+
+
+def test_texts_that_are_read_by_parts_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_sweep(tmp_path / "x.h5", made())
+    whole = read_sweep(tmp_path / "x.h5")
+    monkeypatch.setattr(sweep_file, "TEXTS_AT_ONCE", 2)
+    parts = read_sweep(tmp_path / "x.h5")
+    assert parts.texts == whole.texts == made().texts and parts.varied == whole.varied
 
 
 def test_a_disk_that_refuses_is_a_sentence_and_leaves_nothing(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from campaigns.study_interruptions import CASE, datasets, write_case
 
 from rths_cli.case.load import PlacedSettings, written_case
 from rths_cli.errors import InputError
@@ -29,7 +30,6 @@ from rths_cli.studies.study_plan import Asked
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
 from rths_cli.studies.sweep_table import Row
 
-CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
 VARIED = ("table.after_identification.coulomb_factor=1,3",)
 SEEDS = 10
 ROWS = 2 * SEEDS
@@ -77,10 +77,7 @@ class ChildKiller(Watcher):
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with a case on a record of 4.5 s."""
     place = tmp_path_factory.mktemp("engines")
-    time_s = np.arange(0.0, 4.5, 0.01)
-    accel = 1.5 * np.sin(4 * np.pi * time_s) * np.sin(np.pi * time_s / 4.5) ** 2
-    (place / "short.csv").write_text("# dt: 0.01 s\n# units: m/s^2\n" + "\n".join(f"{a:.6f}" for a in accel) + "\n")
-    (place / "a.yaml").write_text(CASE)
+    write_case(place, "a.yaml")
     return place
 
 
@@ -97,18 +94,6 @@ def inline(request_of: SweepRequest) -> Swept:
 
 def swept(request: SweepRequest, path: Path, engine: Engine, watcher: Watcher | None = None) -> Swept:
     return run_sweep(replace(request, output=path, engine=engine), watcher or Watcher())  # type: ignore[arg-type]
-
-
-def datasets(path: Path) -> dict[str, object]:
-    """Return all datasets of a sweep, numbers as bytes."""
-
-    def content(value: object) -> object:
-        if not isinstance(value, np.ndarray):
-            return value
-        return value.tolist() if value.dtype.kind == "O" else value.tobytes()
-
-    with h5py.File(path) as file:
-        return {name: content(node[()]) for name, node in file.items()}
 
 
 @pytest.mark.parametrize("jobs", [1, 3])

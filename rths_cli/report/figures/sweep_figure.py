@@ -35,7 +35,8 @@ def sweep_figure(sweep: Sweep, width: str, metric: str = "", headed: bool = True
         raise NotDrawn(f"no run has a finite {found.label}")
     figure = empty_figure(width, 65.0 if len(found.keys) == 1 else 75.0)
     ax = figure.subplots()
-    (_line if len(found.keys) == 1 else _map)(figure, ax, found, width)
+    draw = _line if len(found.keys) == 1 else _scatter if _sampled(found) else _map
+    draw(figure, ax, found, width)
     seeds = sweep.seeds_per_point
     return heading_of(figure, sweep, width, headed, f"{seeds} seeds, median and range" if seeds > 1 else "")
 
@@ -102,6 +103,28 @@ def _map(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
             color = "black" if not value < light else "white"
             shown = three(float(value)) if np.isfinite(value) else "none"
             ax.text(column, row, shown, ha="center", va="center", color=color, fontsize=6.0)
+
+
+def _sampled(found: Gridded) -> bool:
+    """Return whether two keys have numbers that fill no grid: a map of them would be empty nearly everywhere."""
+    if not all(places_of(values)[1] for values in found.keys.values()):
+        return False
+    rows, columns = (len(set(values)) for values in found.keys.values())
+    return 2 * len(found.values) < rows * columns
+
+
+def _scatter(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
+    """Draw a dot for each grid point, its colour the median over the seeds: the first key along the vertical axis, the
+    second along the other; a cross where no run has a value."""
+    (up, across), keys = (places_of(values)[0] for values in found.keys.values()), list(found.keys)
+    middle = over_seeds(found.values, 50.0)
+    known = np.isfinite(middle)
+    dots = ax.scatter(across[known], up[known], c=middle[known], s=9.0, cmap="viridis")
+    figure.colorbar(dots, ax=ax).set_label(two_lines(named(found)))
+    ax.set(xlabel=axis_name(keys[1], keys), ylabel=axis_name(keys[0], keys))
+    if not known.all():
+        ax.plot(across[~known], up[~known], "x", color=VERMILLION, ms=4.0, label="no run has a value")
+        figure.legend(loc="outside lower center", ncols=2 if width == "one" else 3)
 
 
 def _distinct(values: Sequence[Any]) -> list[Any]:

@@ -134,6 +134,13 @@ def write_sweep_figures(
     return _write(planned, named, folder, form, width, tell, replace)
 
 
+def sweep_images(sweep: Sweep, width: str = "two") -> Iterator[tuple[str, bytes]]:
+    """Yield name and SVG file of each figure of a sweep that it has data for, without a heading."""
+    for name in sweep_figure_names(sweep):
+        with suppress(NotDrawn):
+            yield name, _image(partial(SWEEP_FIGURES[name], sweep, width, "", False), name, "svg")
+
+
 def sweep_figure_names(sweep: Sweep) -> tuple[str, ...]:
     """Return the figures that are drawn of a sweep, by the number of its varied keys and how they were sampled."""
     keys = len(sweep.varied)

@@ -13,11 +13,13 @@ from pathlib import Path
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import written_whole
 from rths_cli.files.result_reader import Result
+from rths_cli.files.sweep_file import Sweep
 from rths_cli.interrupts import interruptible
 from rths_cli.report.page import case_details, frequency, histories, overview
 from rths_cli.report.page.decimated_series import Pool
 from rths_cli.report.page.html import Html, classed, data_script, details, element, join
 from rths_cli.report.page.paper_tables import claims, error_tables
+from rths_cli.report.page.studies import studies_title, studies_told, study_section
 from rths_cli.report.page.summary import (
     case_files,
     commands,
@@ -37,13 +39,19 @@ ENCODING = "utf-8"
 WITH_ERRORS = ("sim_delay", "shake_table", "exp_rths")  # runs that are compared with others
 
 
-def write_page(results: Sequence[Result], path: Path, command_line: str, comparison: str = "") -> None:
-    """Write the page of results; equal results and command lines give equal bytes.
+def write_page(
+    results: Sequence[Result],
+    path: Path,
+    command_line: str,
+    comparison: str = "",
+    sweeps: Sequence[tuple[Path, Sweep]] = (),
+) -> None:
+    """Write the page of results and sweeps; equal results and command lines give equal bytes.
 
-    Raises InputError if there are no results, a result can no longer be read, or the file cannot be written; then no
+    Raises InputError if there are neither, a result can no longer be read, or the file cannot be written; then no
     file is left behind.
     """
-    text = interruptible(lambda: page(results, command_line, comparison))
+    text = interruptible(lambda: page(results, command_line, comparison, sweeps))
     try:
         with written_whole(path) as part:
             part.write_text(text, encoding=ENCODING)
@@ -51,18 +59,28 @@ def write_page(results: Sequence[Result], path: Path, command_line: str, compari
         raise InputError(f"{path}: cannot write the page: {error.strerror}; choose another file") from error
 
 
-def page(results: Sequence[Result], command_line: str, comparison: str = "") -> str:
-    """Return the page of results as HTML; raises InputError without results.
+def page(
+    results: Sequence[Result], command_line: str, comparison: str = "", sweeps: Sequence[tuple[Path, Sweep]] = ()
+) -> str:
+    """Return the page of results and sweeps as HTML; raises InputError without any.
 
-    `command_line`: the command that makes the page; `comparison`: text that compares the results.
+    `command_line`: the command that makes the page; `comparison`: text that compares the results; `sweeps`: each with
+    its file.
     """
+    studies = [study_section(path, sweep) for path, sweep in sweeps]
+    if studies and not results:
+        title = studies_title(sweeps)
+        made = element("section", element("h2", "Make it again"), element("pre", command_line))
+        main = element("main", *studies, *_comparison(comparison), made)
+        body = join([element("header", element("h1", title), element("p", studies_told(sweeps))), main])
+        return _whole(title, body, data_script("rths-data", _data(())))
     if not results:
         raise InputError("There are no results to show; give result files or run a case first.")
     cases = entries(results, {})
     ordered = [result for entry in cases for result in entry.results.values()]
     title = f"Hybrid simulation: {_subject(cases, ordered)}"
     sections = _sections(cases, ordered, command_line)
-    main = element("main", *(one for _, one in sections), *_comparison(comparison))
+    main = element("main", *(one for _, one in sections), *studies, *_comparison(comparison))
     body = join([_header(title, cases, ordered, [name for name, _ in sections]), main])
     return _whole(title, body, data_script("rths-data", _data(ordered)))
 

@@ -1,6 +1,6 @@
 """Interrupt sweeps at random instants, let them go on, and compare the table with that of an uninterrupted one.
 
-A sweep of `ROWS` rows, some milliseconds each, is a command of its own. Its instant is drawn over the time in which it
+A sweep of 120 rows, some milliseconds each, is a command of its own, forked from a process that has imported it. Its instant is drawn over the time in which it
 plays rows and writes the table. Afterwards the rows that are kept must be whole and there once, the same command with
 `--resume` must play the others alone, and the datasets of the table must be those of the reference to the last bit.
 """
@@ -19,13 +19,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import h5py
 import numpy as np
 
-SEEDS, POINTS = 200, 2
-ROWS = SEEDS * POINTS
+SEEDS = 60  # of each of two grid points
 KINDS = ("killed worker", "restarted scheduler", "Ctrl-C", "SIGKILL", "full disk")
 LOCAL = (("--engine", "inline"), ("--engine", "threads"), ("--engine", "processes", "--jobs", "2"))
 DISK_MB = 8
@@ -57,32 +56,39 @@ class Bench:
     @classmethod
     def made(cls, folder: Path, seeds: int = SEEDS) -> Bench:
         """Write the study and run it without interruption."""
-        time_s = np.arange(0.0, 4.5, 0.01)
-        accel = 1.5 * np.sin(4 * np.pi * time_s) * np.sin(np.pi * time_s / 4.5) ** 2
-        lines = "\n".join(f"{a:.6f}" for a in accel)
-        (folder / "short.csv").write_text(f"# dt: 0.01 s\n# units: m/s^2\n{lines}\n")
-        (folder / "short.yaml").write_text(CASE)
+        write_case(folder, "short.yaml")
         (folder / "study.yaml").write_text(f"{STUDY}seeds: {seeds}\n")
         bench = cls(folder)
         whole = folder / "whole.h5"
-        subprocess.run(bench.command(whole, LOCAL[0]), check=True, capture_output=True, cwd=folder)
+        first = bench.started(whole, LOCAL[0])
+        if (said := first.end()) and first.returncode:
+            raise RuntimeError(said)
         bench.reference = datasets(whole)
         return bench
 
-    def command(self, output: Path, engine: Sequence[str], *more: str) -> list[str]:
-        """Return the command line of the sweep."""
-        place = [str(self.folder / "study.yaml"), "--output", str(output)]
-        return [sys.executable, "-m", "rths_cli", "sweep", *place, *engine, *more]
+    def started(self, output: Path, engine: Sequence[str], *more: str) -> Forked:
+        """Start the sweep."""
+        arguments = ("sweep", str(self.folder / "study.yaml"), "--output", str(output), *engine, *more)
+        return Forked(lambda: rths(*arguments), self.folder / "told.txt")
 
     def duration(self, engine: Sequence[str]) -> float:
         """Return how long the sweep takes from its first row on."""
         key = engine[1]
         if key not in self.lasts_s:
-            process = started(self.command(self.folder / "timed.h5", engine))
+            process = self.started(self.folder / "timed.h5", engine)
             begins = await_rows(process, self.folder / "timed.h5")
-            process.communicate(timeout=LIMIT_S)
+            process.end()
             self.lasts_s[key] = time.monotonic() - begins
         return self.lasts_s[key]
+
+
+def write_case(folder: Path, name: str) -> None:
+    """Write a case of that file name on a record of 4.5 s, with the record."""
+    time_s = np.arange(0.0, 4.5, 0.01)
+    accel = 1.5 * np.sin(4 * np.pi * time_s) * np.sin(np.pi * time_s / 4.5) ** 2
+    lines = "\n".join(f"{a:.6f}" for a in accel)
+    (folder / "short.csv").write_text(f"# dt: 0.01 s\n# units: m/s^2\n{lines}\n")
+    (folder / name).write_text(CASE)
 
 
 def datasets(path: Path) -> dict[str, Any]:
@@ -97,12 +103,71 @@ def datasets(path: Path) -> dict[str, Any]:
         return {name: content(node[()]) for name, node in file.items()}
 
 
-def started(command: Sequence[str]) -> subprocess.Popen[str]:
-    """Start a sweep in a session of its own, as a terminal would."""
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+class Forked:
+    """A command in a session of its own, forked from this process, which has imported what it needs."""
+
+    def __init__(self, call: Callable[[], object], told: Path) -> None:
+        self._told = told
+        self.returncode: int | None = None
+        self.pid = os.fork()
+        if self.pid == 0:
+            _be(call, told)
+
+    def poll(self) -> int | None:
+        """Return the exit code, None while the command runs."""
+        if self.returncode is None and (found := os.waitpid(self.pid, os.WNOHANG))[0]:
+            self.returncode = os.waitstatus_to_exitcode(found[1])
+        return self.returncode
+
+    def end(self) -> str:
+        """Wait for the end and return what was written to stderr."""
+        end = time.monotonic() + LIMIT_S
+        while self.poll() is None:
+            if time.monotonic() > end:
+                self.kill()
+            time.sleep(0.005)
+        return self._told.read_text()
+
+    def kill(self) -> None:
+        """Kill the command alone, where it still runs."""
+        if self.poll() is None:
+            os.kill(self.pid, signal.SIGKILL)
 
 
-def await_rows(process: subprocess.Popen[str], output: Path) -> float:
+def _be(call: Callable[[], object], told: Path) -> NoReturn:
+    """Be the command; never return."""
+    code = 99
+    try:
+        os.setsid()
+        with open(told, "w") as file, open(os.devnull, "w") as silent:
+            os.dup2(file.fileno(), 2)
+            os.dup2(silent.fileno(), 1)
+        try:
+            call()
+            code = 0
+        except SystemExit as left:
+            code = left.code if isinstance(left.code, int) else 1
+        sys.stderr.flush()
+    finally:
+        os._exit(code)
+
+
+def rths(*arguments: str) -> None:
+    """Run a command of rths and leave with its exit code."""
+    from rths_cli.__main__ import main
+
+    sys.argv = ["rths", *arguments]
+    main()
+
+
+def dask(part: str, *arguments: str) -> None:
+    """Run `dask scheduler` or `dask worker`."""
+    from distributed.cli import dask_scheduler, dask_worker
+
+    {"scheduler": dask_scheduler, "worker": dask_worker}[part].main(list(arguments), standalone_mode=False)
+
+
+def await_rows(process: Forked, output: Path) -> float:
     """Wait for the first row, or the end of the process; return when that was."""
     rows = rows_of(output)
     while process.poll() is None:
@@ -129,17 +194,17 @@ def kept_rows(output: Path) -> list[int]:
 
 def interrupted(
     bench: Bench, kind: str, rng: random.Random, output: Path, engine: Sequence[str],
-    interrupt: Callable[[subprocess.Popen[str]], None], ends_itself: bool, before_resume: Callable[[], None],
+    interrupt: Callable[[Forked], None], ends_itself: bool, before_resume: Callable[[], None],
 ) -> Trial:  # fmt: skip
     """Start the sweep, interrupt it, resume it, and judge."""
     after_s = rng.uniform(0.0, bench.duration(engine))
-    process = started(bench.command(output, engine))
+    process = bench.started(output, engine)
     await_rows(process, output)
     time.sleep(after_s)
     met, there = process.poll() is None, len(kept_rows(output))
     if met:
         interrupt(process)
-    said = process.communicate(timeout=LIMIT_S)[1]
+    said = process.end()
     faults = [f"a traceback: {said[-600:]}"] if "Traceback" in said else []
     rows = kept_rows(output)
     if len(set(rows)) < len(rows):
@@ -161,16 +226,15 @@ def interrupted(
 def resumed(bench: Bench, output: Path, engine: Sequence[str], kept: int) -> Iterator[str]:
     """Go on with a sweep; yield what went wrong."""
     told = f"{kept} of {len(bench.reference['status'])} runs were played before"
-    done = subprocess.run(
-        bench.command(output, engine, "--resume"), capture_output=True, text=True, timeout=LIMIT_S, check=False
-    )
-    if done.returncode:
-        yield f"--resume: exit code {done.returncode}: {done.stderr[-300:]}"
-    elif kept and told not in done.stderr:
-        yield f"--resume did not say {told!r}: {done.stderr[-300:]}"
+    again = bench.started(output, engine, "--resume")
+    said = again.end()
+    if again.returncode:
+        yield f"--resume: exit code {again.returncode}: {said[-300:]}"
+    elif kept and told not in said:
+        yield f"--resume did not say {told!r}: {said[-300:]}"
 
 
-def kill_worker(process: subprocess.Popen[str], rng: random.Random) -> None:
+def kill_worker(process: Forked, rng: random.Random) -> None:
     """Kill one of the processes that play rows: the grandchildren of the command, whose parent forks them."""
     workers = [pid for child in children(process.pid) for pid in children(child)]
     if workers:
@@ -191,29 +255,26 @@ class Cluster:
     """A Dask scheduler and two workers of this machine, at one address."""
 
     def __init__(self, folder: Path, port: int) -> None:
-        self.folder, self.port, self.processes = folder, port, []  # type: ignore[var-annotated]
-        self.address = f"tcp://127.0.0.1:{port}"
+        self.told, self.port, self.address = folder / "cluster.txt", port, f"tcp://127.0.0.1:{port}"
+        self.processes: list[Forked] = []
 
     def start(self) -> None:
-        """Start scheduler and workers."""
-        dask = [sys.executable, "-m", "dask"]
-        calls = [["scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard"]]
-        worker = ["worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1"]
-        calls += [worker] * 2
-        self.processes = [
-            subprocess.Popen([*dask, *call], cwd=self.folder, stderr=subprocess.DEVNULL) for call in calls
-        ]
+        """Start scheduler and workers, and wait until the scheduler listens."""
+        here = ("--host", "127.0.0.1", "--no-dashboard")
+        scheduler = Forked(lambda: dask("scheduler", "--port", str(self.port), *here), self.told)
+        await_port(self.port)
+        worker = (self.address, "--nthreads", "1", "--no-nanny", *here)
+        self.processes = [scheduler, *(Forked(lambda: dask("worker", *worker), self.told) for _ in range(2))]
 
     def kill_scheduler(self) -> None:
         """Kill the scheduler alone."""
         self.processes[0].kill()
-        self.processes[0].wait()
 
     def stop(self) -> None:
         """End all."""
         for process in self.processes:
             process.kill()
-            process.wait()
+            process.end()
 
 
 @contextmanager
@@ -252,7 +313,7 @@ def trial(bench: Bench, kind: str, rng: random.Random, disk: Path | None = None,
     if kind == "Ctrl-C":
         return interrupted(bench, kind, rng, output, local, _ctrl_c, False, nothing)
     if kind == "SIGKILL":
-        return interrupted(bench, kind, rng, output, local, subprocess.Popen.kill, False, nothing)
+        return interrupted(bench, kind, rng, output, local, Forked.kill, False, nothing)
     if kind == "full disk":
         assert disk is not None
         place = disk / "out"
@@ -268,20 +329,17 @@ def trial(bench: Bench, kind: str, rng: random.Random, disk: Path | None = None,
     engine = ("--engine", "dask", "--scheduler", cluster.address)
     cluster.start()
     try:
-        time.sleep(0.5)
-        await_port(port)
 
         def again() -> None:
             cluster.stop()
             cluster.start()
-            await_port(port)
 
         return interrupted(bench, kind, rng, output, engine, lambda _: cluster.kill_scheduler(), False, again)
     finally:
         cluster.stop()
 
 
-def _ctrl_c(process: subprocess.Popen[str]) -> None:
+def _ctrl_c(process: Forked) -> None:
     """Send SIGINT to all processes of the command, as a terminal does."""
     os.killpg(process.pid, signal.SIGINT)
 

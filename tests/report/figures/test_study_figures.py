@@ -10,6 +10,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import Figure, Sweep
 from rths_cli.report.figures import NotDrawn
 from rths_cli.report.figures.study_figures import has_boundary, parallel, sobol, stability, tornado
+from rths_cli.report.figures.sweep_figure import sweep_figure
 from rths_cli.report.study_indices import indices_document, indices_of, indices_text
 from rths_cli.studies.sampling import unit_samples
 
@@ -67,6 +68,21 @@ def test_the_boundary_is_where_the_spectral_radius_is_one():
     assert has_boundary(sweep) and not has_boundary(safe)
     with pytest.raises(NotDrawn):
         stability(safe, "one")
+
+
+def test_two_sampled_keys_are_dots_and_a_grid_a_map():
+    rng = np.random.default_rng(3)
+    first, second = rng.uniform(size=(2, 12))
+    errors = np.where(np.arange(12) == 4, np.nan, 1.0 + first)
+    figure = sweep_figure(made({"a": tuple(first), "b": tuple(second)}, errors), "one")
+    (dots,) = figure.axes[0].collections
+    known = np.isfinite(errors)
+    assert np.array_equal(dots.get_offsets(), np.column_stack([second, first])[known])
+    assert np.array_equal(dots.get_array(), 1e3 * errors[known] / 1e3)
+    (crosses,) = figure.axes[0].lines
+    assert (crosses.get_xdata(), crosses.get_ydata()) == (second[4:5], first[4:5])
+    grid = {"a": (1.0, 1.0, 2.0, 2.0), "b": (3.0, 4.0, 3.0, 4.0)}
+    assert sweep_figure(made(grid, [1.0, 2.0, 3.0, 4.0]), "one").axes[0].images
 
 
 @pytest.fixture

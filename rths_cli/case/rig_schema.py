@@ -41,7 +41,7 @@ DEFAULT_ENERGY_RATIO = 0.1  # of real rigs: accurate tests stay below 0.005, uns
 Corner = Annotated[float, Range(ge=0, le=1e6)]
 
 SENSITIVITY = "sensitivity of every channel"
-UNCERTAINTY = "of the sensitivity, relative, one standard deviation"
+UNCERTAINTY = f"of the sensitivity, relative, one standard deviation; default: {DEFAULT_UNCERTAINTY}"
 FURTHER = "channels beside the accelerometers of table and floors, each with its kind"
 CLIPS = "+-, beyond which the sensor clips"
 HIGH_PASS = "first-order corner of AC coupling; 0: none"
@@ -73,7 +73,12 @@ ENERGY_RATIO = (
 class SensorKeys(Strict):
     """Hold what is stated of accelerometers, of whatever rig."""
 
-    sensitivity_uncertainty: Relative = Field(default=DEFAULT_UNCERTAINTY, description=UNCERTAINTY)
+    sensitivity_uncertainty: Relative | None = Field(default=None, description=UNCERTAINTY)
+
+    @property
+    def uncertainty(self) -> float:
+        """Return the relative standard uncertainty of the sensitivity."""
+        return DEFAULT_UNCERTAINTY if self.sensitivity_uncertainty is None else self.sensitivity_uncertainty
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:

@@ -15,7 +15,8 @@ TRIED_S = (0.03, 0.06, 0.1, 0.2, 0.3)  # times before the stop over which an exp
 EXPLAINED = 0.3  # of the difference, that an explanation may leave
 BITS, MOVED_BITS = 3.0, 10.0  # within which a value counts as unchanged; by which it must have changed then
 FOLLOWS = 0.3  # error over desired acceleration, below which the table follows
-GAIN_CHANGED = 0.05  # change of the table's gain that is worth telling
+RECENT_S = 0.5  # time before the stop over which the gain is taken, for it may drift
+GAIN_CHANGED = 0.03  # change of the table's gain that is worth telling
 
 
 def fault_of(info: RigInfo, limits: GuardLimits, log: Signals, last: int, channel: int) -> tuple[int, str] | None:
@@ -45,7 +46,8 @@ def gain_of_table(info: RigInfo, limits: GuardLimits, log: Signals, last: int, c
     pair = _pair(info, limits, log, last, channel)
     if pair is None or _rms(pair[1]) < limits.further.tolerated[channel]:
         return None
-    shown, must = (_low_passed(row, info.dt_s) for row in pair)
+    recent = slice(-max(round(RECENT_S / info.dt_s), 2), None)
+    shown, must = (_low_passed(row, info.dt_s)[recent] for row in pair)
     return float(shown @ must / (must @ must))
 
 

@@ -27,6 +27,8 @@ BLOCKS = {
     "staircase": "commands to the share of the hold's staircase in a table sample",
 }
 """The discrete blocks of the step by their names, and what each does."""
+BLOCKS_BESIDE = ("further_correction", "kalman_with_load_cell")
+"""Those of a rig with further channels."""
 KEPT_SERIES = ("all", "essential", "none")
 """The series that a result keeps (`--series`): every one, those that are declared essential, no one."""
 PLACEHOLDERS = {"RUN": TABLE_RUNS, "SOLUTION": SOLUTIONS, "BLOCK": tuple(BLOCKS)}
@@ -253,7 +255,9 @@ def _of_block() -> Iterator[DatasetDeclaration]:
 def _expanded(one: DatasetDeclaration) -> Iterator[DatasetDeclaration]:
     """Yield a declaration under each path that it stands for."""
     parts = [PLACEHOLDERS.get(part, (part,)) for part in one.path.split("/")]
-    yield from (replace(one, path="/".join(names)) for names in product(*parts))
+    for names in product(*parts):
+        present = BESIDE if names[1:2] and names[1] in BLOCKS_BESIDE else one.present
+        yield replace(one, path="/".join(names), present=present)
 
 
 DATASETS: dict[str, DatasetDeclaration] = {one.path: one for each in declared_datasets() for one in _expanded(each)}

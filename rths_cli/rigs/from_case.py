@@ -74,7 +74,7 @@ def _virtual_channels(table: VirtualRigSpec, names: tuple[str, ...]) -> tuple[Ch
     return tuple(
         Channel(
             name, sensitivity, span, sensors.high_pass_hz, sensors.low_pass_hz, position=name,
-            uncertainty=sensors.sensitivity_uncertainty,
+            uncertainty=sensors.uncertainty,
         )
         for name in names
     )  # fmt: skip
@@ -101,7 +101,7 @@ def _channel(name: str, spec: RealSensorsSpec) -> Channel:
         label=own.name if own else "",
         terminal=own.terminal or "" if own else "",
         position=name,
-        uncertainty=spec.sensitivity_uncertainty,
+        uncertainty=spec.uncertainty,
     )
 
 

@@ -26,6 +26,8 @@ def make(info: RigInfo, options: Mapping[str, object]) -> Rig:
         raise InputError(f"options.{unknown[0]}: unknown key; known: lag_s")
     if not isinstance(lag_s, int | float) or not 1e-3 <= lag_s <= 1.0:
         raise InputError(f"options.lag_s: must be >= 0.001 and <= 1, got {lag_s!r}")
+    if info.further:
+        raise InputError(f"channels: this rig has accelerometers only, not {info.further[0].name}; leave it out")
     return SlowTable(info, float(lag_s))
 
 

@@ -12,7 +12,7 @@ from rths_cli.numerics.lti import Array
 from rths_cli.rigs.virtual.imperfect.channels import ACCELERATION, Sensing
 from rths_cli.rigs.virtual.imperfect.equations import BRISTLE, DQ, FLOORS, PITCH, F, Mechanics, X
 from rths_cli.rigs.virtual.imperfect.plant import FARTHEST, ImperfectPlant
-from rths_cli.rigs.virtual.laboratory import PER_RUN, Laboratory
+from rths_cli.rigs.virtual.laboratory import HUM_PHASE, PER_RUN, Laboratory
 from rths_cli.structure.storey_laws import MAXWELL
 
 if TYPE_CHECKING:
@@ -155,7 +155,7 @@ def _sensing(
         skew_s=of_channels["skew_s"],
         offset_v=of_channels["offset_v"],
         hum_v=of_channels["hum_v"],
-        hum_phase=of_run["channels.hum_phase_rad"],
+        hum_phase=of_run[HUM_PHASE],
         hum_rate=2.0 * np.pi * stated.channels.hum_hz,
         walk_v=of_channels["offset_walk_v_per_sqrt_s"] * np.sqrt(info.dt_s),
         vertical=across * stated.pitch.sensor_arm_m,

@@ -89,7 +89,7 @@ def figures(case: str, settings: Sequence[str]) -> tuple[str, float]:
         np.max(np.asarray(found[f"exp_rths.{name}"]) / scale)
         for name, scale in (("rms_error_m_s2", late), ("rms_error_m_s2_true", late), ("true_reference_ratio", 1.0))
     ]
-    predicted = np.max(np.asarray(found.get("check.predicted_rms_error_m_s2", np.nan)) / late)
+    predicted = np.max(np.asarray(found.get("check.rms_error_m_s2", np.nan)) / late)
     told = "".join(f"{value:>10.4f}" for value in (predicted, *shown))
     return f"{told}  {result.attributes.get('check_verdict', '')}", float(shown[-1])
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,14 @@ ERROR_M_S2 = 1e-6  # of the deck's acceleration in the middle of a step
 MAXWELL_PHASE = 1e-3  # rad of the specimen's fastest vibration in a step, where its laws need the way
 
 
+class Output(NamedTuple):
+    """What a channel senses: kind and place as in `imperfect.channels`, and the plate on a load cell at the table."""
+
+    kind: int
+    place: float
+    plate_kg: float = 0.0
+
+
 def imperfect_plant(
     info: RigInfo,
     physics: VirtualPhysics,
@@ -36,14 +44,14 @@ def imperfect_plant(
     interface_mass_kg: float,
     laboratory: Laboratory,
     of_run: dict[str, Array],
-    outputs: tuple[tuple[int, float], ...] | None = None,
+    outputs: tuple[Output, ...] | None = None,
     precision: float = 1.0,
 ) -> ImperfectPlant:
     """Return the plant of a laboratory in one run.
 
-    `specimen` and `laws` as they are, masses and what laws add at rest included. `outputs` are kind and place of each
-    channel (`imperfect.channels`); None: the accelerations of the table and of each floor. `precision` multiplies the
-    errors that a step may make (to check the integration). Raises InputError for instants too far from their clock.
+    `specimen` and `laws` as they are, masses and what laws add at rest included. `outputs`: what each channel senses;
+    None: the accelerations of the table and of each floor. `precision` multiplies the errors that a step may make (to
+    check the integration). Raises InputError for instants too far from their clock.
     """
     value, stated = laboratory.one, laboratory.stated
     masses = specimen.masses_kg
@@ -92,7 +100,7 @@ def imperfect_plant(
     converters = info.converters
     return ImperfectPlant(
         mechanics=mechanics,
-        sensing=_sensing(info, laboratory, of_run, noise_rms_m_s2, interface_mass_kg, outputs),
+        sensing=_sensing(info, laboratory, of_run, noise_rms_m_s2, outputs),
         tolerance=precision * _tolerance(len(masses)),
         tolerance_m_s2=precision * ERROR_M_S2,
         longest_s=_longest_s(specimen, laws, info.dt_s),
@@ -136,19 +144,18 @@ def _sensing(
     laboratory: Laboratory,
     of_run: dict[str, Array],
     noise_rms_m_s2: float,
-    base_plate_kg: float,
-    outputs: tuple[tuple[int, float], ...] | None,
+    outputs: tuple[Output, ...] | None,
 ) -> Sensing:
     """Return the constants of the channels."""
     count, stated = len(info.channels), laboratory.stated
     of_channels = {key.removeprefix("channels."): value for key, value in laboratory.values.items()}
-    kinds = outputs or tuple((ACCELERATION, float(c)) for c in range(count))
+    sensed = outputs or tuple(Output(ACCELERATION, float(c)) for c in range(count))
     across = of_channels["transverse_sensitivity"]
     corners = np.array([[one.low_pass_hz, one.high_pass_hz] for one in info.channels])
     _instant(info, "channels.skew_s", float(np.abs(of_channels["skew_s"]).max()))
     return Sensing(
-        kind=np.array([kind for kind, _ in kinds], dtype=np.int64),
-        place=np.array([place for _, place in kinds], dtype=float),
+        kind=np.array([one.kind for one in sensed], dtype=np.int64),
+        place=np.array([one.place for one in sensed], dtype=float),
         low_pass=2.0 * np.pi * corners[:, 0] * (1.0 + of_channels["low_pass_error"]),
         high_pass=2.0 * np.pi * corners[:, 1] * (1.0 + of_channels["high_pass_error"]),
         gain=1.0 + of_channels["gain_error"] + of_run[PER_RUN],
@@ -163,7 +170,7 @@ def _sensing(
         noise=np.full(count, noise_rms_m_s2),
         range=np.array([one.range_m_s2 for one in info.channels]),
         v_per_unit=np.array([one.sensitivity_v_per_m_s2 for one in info.channels]),
-        base_plate_kg=base_plate_kg,
+        plate_kg=np.array([one.plate_kg for one in sensed], dtype=float),
     )
 
 

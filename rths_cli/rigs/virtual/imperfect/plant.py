@@ -24,7 +24,16 @@ from rths_cli.rigs.virtual.imperfect.channels import (
     polynomial,
     sensed,
 )
-from rths_cli.rigs.virtual.imperfect.equations import DPITCH, FLOORS, Mechanics, X, deck_position, deck_velocity, rates
+from rths_cli.rigs.virtual.imperfect.equations import (
+    DPITCH,
+    FLOORS,
+    Mechanics,
+    X,
+    deck_position,
+    deck_velocity,
+    rates,
+    storey_value,
+)
 from rths_cli.rigs.virtual.plant_kernel import END_STOP, convert
 from rths_cli.rigs.virtual.specimen_laws import REMEMBERED, law_force
 from rths_cli.structure.storey_laws import SOFTENING
@@ -184,12 +193,6 @@ def note_velocities(p: ImperfectPlant, s: ImperfectState, y: Array) -> None:
     s.middle_velocity[0] = velocity
     for i in range(n):
         s.middle_velocity[1 + i] = velocity + y[FLOORS + n + i] + m.heights_m[i] * y[DPITCH]
-
-
-@part
-def storey_value(y: Array, first: int, storey: int) -> float:
-    """Return drift or rate of a storey, of which those of the floors begin at `first`."""
-    return y[first + storey] - y[first + storey - 1] if storey > 0 else y[first]
 
 
 @part

@@ -26,6 +26,7 @@ from rths_cli.numerics.compiled import processor
 from rths_cli.quantities import attribute_fault
 from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES
 from rths_cli.rigs.description import capabilities_of
+from rths_cli.rigs.from_case import laboratory_number
 from rths_cli.user_cache import user_cache
 from rths_cli.version import __version__
 
@@ -39,6 +40,7 @@ HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
     **dict.fromkeys(("udp", "unattended", "watchdog_s", "overrun", "model"), True),
     "sensors": LEVELS,
     "channels": {"__all__": LEVELS},
+    "imperfections": {"laboratory"},
 }
 
 
@@ -123,6 +125,7 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
         "settings": options.model_dump_json(exclude={"model"}),
         "rths_version": __version__,
         "git_commit": git_commit(),
+        **({} if (number := laboratory_number(case)) is None else {"laboratory": number}),
     }
 
 
@@ -161,6 +164,12 @@ def differences(stated: Mapping[str, str | int | float], wanted: Mapping[str, st
         faults.append(
             f"identified on rig {stated.get('rig', 'unknown')}, the case's rig {wanted['rig']} is another one (or its "
             "file has changed); identify the rig of the case"
+        )
+    if stated.get("laboratory") != wanted.get("laboratory") and not faults:
+        faults.append(
+            f"identified in laboratory {stated.get('laboratory', 'as declared')}, the case is in laboratory "
+            f"{wanted.get('laboratory', 'as declared')}, whose sensors and masses are others; identify there, or state "
+            "the laboratory (table.imperfections.laboratory)"
         )
     if stated.get("specimen_sha256") != wanted["specimen_sha256"]:
         faults.append(
@@ -233,6 +242,7 @@ def key(setup: Setup) -> str:
         case.structure.interface_experimental_mass_kg,
         case.identification.model_dump_json(),
         case.sample_rate_hz,
+        laboratory_number(case),
         software(),
         processor(),
         platform.libc_ver(),

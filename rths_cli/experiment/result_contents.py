@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +13,16 @@ from rths_cli.control import latency_budget
 from rths_cli.control.numerical_substructure import amplitude_and_lag
 from rths_cli.experiment.run_metrics import of_margins
 from rths_cli.quantities import metrics_of
-from rths_cli.quantities.datasets import AS_SENSED, CORRECTED, DRIFT_REMOVED, HOLD_REMOVED, UNKNOWN_BELOW, WITH_RIG
+from rths_cli.quantities.datasets import (
+    AS_SENSED,
+    CORRECTED,
+    DRIFT_REMOVED,
+    HOLD_REMOVED,
+    UNKNOWN_BELOW,
+    WITH_RIG,
+    dataset,
+)
+from rths_cli.rigs.from_case import laboratory_number, true_values
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -30,6 +41,26 @@ if TYPE_CHECKING:
 def write_record(writer: ResultWriter, setup: Setup) -> None:
     """Write the scaled, filtered record."""
     writer.group("record", {"ground_accel_m_s2": setup.motion.accel_m_s2}, time_s=setup.motion.time_s)
+
+
+def write_laboratory(writer: ResultWriter, setup: Setup) -> None:
+    """Write how a virtual laboratory differs from what its files declare; nothing where it does not."""
+    values = true_values(setup.case, setup.rig)
+    if values:
+        numerical, floors = len(setup.building.numerical.masses_kg), len(setup.floor_masses_kg)
+        scales: dict[str, ArrayLike] = {
+            "channel": np.arange(1, 1 + len(setup.rig.channels)),
+            "floor": np.arange(numerical + 1, numerical + 1 + floors),
+        }
+        number = laboratory_number(setup.case)
+        writer.group("truth", {"laboratory": np.float64(number or 0), **true_arrays(values)}, scales=scales)
+
+
+def true_arrays(values: Mapping[str, Array]) -> dict[str, ArrayLike]:
+    """Return hidden values by the names of their datasets, single ones without an axis."""
+    named = {key.replace(".", "_"): found for key, found in values.items()}
+    alone = {name for name in named if (one := dataset(f"truth/{name}")) is not None and not one.axes}
+    return {name: found[0] if name in alone else found for name, found in named.items()}
 
 
 def write_response(writer: ResultWriter, run: str, setup: Setup, response: Response) -> None:
@@ -52,10 +83,15 @@ def _motion(setup: Setup, motion: tuple[Array, Array, Array], base_shear_n: Arra
 
 
 def write_table_run(
-    writer: ResultWriter, run: str, setup: Setup, series: Series, hybrid: tuple[Array, Array, Array] | None
+    writer: ResultWriter,
+    run: str,
+    setup: Setup,
+    series: Series,
+    hybrid: tuple[Array, Array, Array] | None,
+    hidden: Mapping[str, ArrayLike] = MappingProxyType({}),
 ) -> None:
     """Write a run on the table: signals, with `hybrid` the whole building's motion, what the parts of the step log,
-    timing and, if known, truth."""
+    timing and, if known, truth, with what is `hidden` from the sensors in this run."""
     time = setup.motion.time_s[: series.command_v.size]
     storeys, floors = len(setup.building.M), len(setup.floor_masses_kg)
     storey = np.arange(1, storeys + 1)
@@ -87,7 +123,10 @@ def write_table_run(
             "table_accel_m_s2": series.true_accel[0],
             "table_disp_m": series.true_disp_m,
             "floor_accel_m_s2": series.true_accel[1:],
+            **hidden,
         }
+        if hidden:
+            scales["channel"] = np.arange(1, 1 + len(setup.rig.channels))
         writer.group(f"{run}/truth", truth, time, storey, scales)
 
 

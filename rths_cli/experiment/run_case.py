@@ -30,6 +30,7 @@ from rths_cli.experiment.unit_plausibility import key_in_doubt
 from rths_cli.files.result_reader import ResultWriter
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.shared_values import SharedValues
+from rths_cli.rigs.from_case import laboratory_number
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -105,6 +106,7 @@ def run_case(
     with ResultWriter(path, about, lasting=setup.rig.can.moves_hardware) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         result_contents.write_record(writer, setup)
+        result_contents.write_laboratory(writer, setup)
         sim, values = _simulations(setup, writer, shared, progress)
         played = Played(None, {})
         truth = truth_of(setup, sim, shared, progress) if "exp_rths" in case.runs else None
@@ -209,7 +211,8 @@ def truth_of(setup: Setup, sim: Response, shared: SharedValues, progress: Progre
     """Return the true reference, None where nobody knows the specimen; cases with the same record, building and rig
     compute it once."""
     case = setup.case
-    key = (*_of_sim(setup), case.table.model_dump_json(), case.delay_s, "sim_delay" in case.runs)
+    rig = case.table.model_dump_json(), laboratory_number(case)
+    key = (*_of_sim(setup), *rig, case.delay_s, "sim_delay" in case.runs)
     return _for(setup, shared).get(
         "true_reference", key, lambda: interruptible(lambda: true_reference.true_reference(setup, sim, progress))
     )

@@ -23,6 +23,7 @@ from rths_cli.experiment.setup import Progress, Setup, shown
 from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.files.result_reader import BEGUN, COMPLETE
 from rths_cli.interrupts import interruptible
+from rths_cli.rigs.from_case import true_values_of_run
 
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
@@ -127,7 +128,9 @@ def _with(before: Played, run: Run) -> Played:
 
 def write_run(writer: ResultWriter, setup: Setup, run: Run) -> None:
     """Write the series of a run."""
-    result_contents.write_table_run(writer, run.kind.name, setup, run.series, run.building)
+    seed = (setup.case.seed, run.kind.stream)
+    hidden = result_contents.true_arrays(true_values_of_run(setup.case, setup.rig, seed))
+    result_contents.write_table_run(writer, run.kind.name, setup, run.series, run.building, hidden)
     if run.rest is not None:
         result_contents.write_rest(writer, run.kind.name, setup, run.rest)
 

@@ -36,6 +36,7 @@ PLACEHOLDERS = {"RUN": TABLE_RUNS, "SOLUTION": SOLUTIONS, "BLOCK": tuple(BLOCKS)
 GROUPS = {
     "case": "The case file, as text.",
     "record": "The ground motion that the runs have in common.",
+    "truth": "How a virtual laboratory with imperfections differs from what its files declare.",
     "SOLUTION": "A computed response of the whole building: `sim` without, `sim_delay` with the delay of the case.",
     "exp_rths": "The hybrid building in EXP-RTHS, beside what every run on the table holds.",
     "RUN": "A run on the table: `shake_table` or `exp_rths`.",
@@ -58,6 +59,44 @@ REAL, DRIFTED, BEST, LINKED = "real rig only", "only where there was any", "meth
 SINCE_0_2 = "since version 0.2.0"
 BESIDE = "only of a rig with further channels"
 LOGGING = "only where parts log values of their own"
+IMPERFECT = "only of a virtual rig with imperfections"
+OF_CHANNELS = (
+    ("channels_gain_error", "1", "true over declared sensitivity, less 1"),
+    ("channels_high_pass_error", "1", "true over declared corner of the AC coupling, less 1"),
+    ("channels_low_pass_error", "1", "true over declared corner of the low pass, less 1"),
+    ("channels_skew_s", "s", "sampling instant after the clock"),
+    ("channels_offset_v", "V", "zero of the conditioning"),
+    ("channels_transverse_sensitivity", "1", "sensitivity across over that along the axis"),
+    ("channels_hum_v", "V", "amplitude of the mains' hum"),
+    ("channels_offset_walk_v_per_sqrt_s", "V/s^0.5", "standard deviation of the zero's random walk after 1 s"),
+)
+OF_STOREYS = (
+    ("masses_weighing_error", "1", "true over declared mass, less 1"),
+    ("pitch_storey_height_m", "m", "height of the storey"),
+    ("specimen_softening", "1", "share of the stiffness that is lost at large drifts"),
+    ("specimen_joint_friction_n", "N", "friction of the joints"),
+)
+OF_LABORATORY = (
+    ("converters_command_skew_s", "s", "instant of the command after the clock"),
+    ("converters_command_jitter_s", "s", "standard deviation of that instant"),
+    ("converters_sample_jitter_s", "s", "standard deviation of the sampling instant"),
+    ("deck_frequency_hz", "Hz", "frequency of the deck without specimen, the coil held; 0: rigid"),
+    ("amplifier_crossover_n", "N", "crossover distortion of the force"),
+    ("amplifier_distortion", "1", "cubic distortion of the command"),
+    ("amplifier_gain_drift_per_s", "1/s", "relative change of the command's gain"),
+    ("friction_presliding_m", "m", "Coulomb friction over the bristles' stiffness; 0: none"),
+    ("friction_stribeck_excess", "1", "static over Coulomb friction, less 1"),
+    ("suspension_stiffness_n_per_m", "N/m", "stiffness of the suspension at the middle"),
+    ("suspension_cubic_n_per_m3", "N/m^3", "its hardening"),
+    ("force_factor_drop", "1", "share of the force that is lost off the middle"),
+    ("pitch_frequency_hz", "Hz", "frequency of pitch, the specimen rigid; 0: none"),
+    ("guides_lateral_share", "1", "acceleration across over that along the table"),
+)
+OF_EACH_RUN = (
+    ("channels_gain_change_between_runs", "1", "further gain error in this run"),
+    ("channels_hum_phase_rad", "rad", "phase of the mains' hum at the start of this run"),
+)
+"""What of a laboratory with imperfections is kept, by the keys of its rig file."""
 LINK_COUNTS = {
     "sent": "packets sent to the target",
     "answered": "answers taken",
@@ -87,6 +126,7 @@ def declared_datasets() -> Iterator[DatasetDeclaration]:
     yield DatasetDeclaration("case/resolved", "1", (), "computed", "case file with all defaults", "text")
     ground = "ground acceleration, scaled and filtered"
     yield DatasetDeclaration("record/ground_accel_m_s2", ACCEL, TIME, "computed", ground, essential=True)
+    yield from _of_laboratory()
     yield from _of_solution()
     yield from _of_hybrid_building()
     yield from _of_table_run()
@@ -114,6 +154,16 @@ def keeps(series: str, one: DatasetDeclaration) -> bool:
 def stored_dataset(path: str) -> DatasetDeclaration | None:
     """Return what stands in a file under a path: `identification/frf_imag` is a part of `identification/frf`."""
     return STORED.get(path)
+
+
+def _of_laboratory() -> Iterator[DatasetDeclaration]:
+    number = "number of the laboratory, from which its values are drawn"
+    yield DatasetDeclaration("truth/laboratory", "1", (), "true", number, present=IMPERFECT)
+    for axes, entries in ((("channel",), OF_CHANNELS), (("floor",), OF_STOREYS), ((), OF_LABORATORY)):
+        for name, units, text in entries:
+            yield DatasetDeclaration(f"truth/{name}", units, axes, "true", text, present=IMPERFECT)
+    for name, units, text in OF_EACH_RUN:
+        yield DatasetDeclaration(f"RUN/truth/{name}", units, ("channel",), "true", text, present=IMPERFECT)
 
 
 def _of_solution() -> Iterator[DatasetDeclaration]:

@@ -29,9 +29,11 @@ from rths_cli.structure.storey_laws import stacked
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
     from rths_cli.case.rig_schema import LimitsSpec, RealSensorsSpec, RigSpec
+    from rths_cli.numerics.lti import Array
     from rths_cli.rigs.interface import Rig
     from rths_cli.rigs.ni.ni_rig import NiRig
     from rths_cli.rigs.udp.udp_rig import UdpRig
+    from rths_cli.rigs.virtual.laboratory import Laboratory
     from rths_cli.rigs.virtual.virtual_rig import VirtualRig
     from rths_cli.structure import Building
 
@@ -216,6 +218,39 @@ def true_building(case: Case, declared: Building) -> Building | None:
     M, C, K = assemble(declared.numerical, specimen, declared.interface_experimental_mass_kg)
     together = stacked(declared.laws, laws, len(declared.numerical.masses_kg))
     return replace(declared, specimen=specimen, M=M, C=C, K=K, laws=together)
+
+
+def laboratory_number(case: Case) -> int | None:
+    """Return the number of the virtual laboratory that a case is in; None where nothing differs from its files."""
+    if not isinstance(case.table, VirtualRigSpec):
+        return None
+    from rths_cli.rigs.virtual.laboratory import number_of
+
+    return number_of(case.table.imperfections, case.seed)
+
+
+def true_values(case: Case, info: RigInfo) -> dict[str, Array]:
+    """Return the values of a laboratory with imperfections by dotted key, none of one that is as declared."""
+    laboratory = _laboratory(case, info)
+    return {} if laboratory is None else dict(laboratory.values)
+
+
+def true_values_of_run(case: Case, info: RigInfo, seed: Sequence[int]) -> dict[str, Array]:
+    """Return what such a laboratory draws anew for each run, by dotted key; `seed` names the run's noise."""
+    from rths_cli.rigs.virtual.laboratory import of_run
+
+    laboratory = _laboratory(case, info)
+    return {} if laboratory is None else of_run(laboratory, tuple(seed), len(info.channels))
+
+
+def _laboratory(case: Case, info: RigInfo) -> Laboratory | None:
+    number = laboratory_number(case)
+    if number is None:
+        return None
+    from rths_cli.rigs.virtual.laboratory import laboratory_of
+
+    floors = len(case.structure.experimental.masses_kg)
+    return laboratory_of(simulated(case).imperfections, number, len(info.channels), floors)
 
 
 def simulated(case: Case) -> VirtualRigSpec:

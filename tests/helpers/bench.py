@@ -13,8 +13,9 @@ from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo, Uncertainty
 from rths_cli.rigs.virtual import plant_kernel
+from rths_cli.rigs.virtual.imperfect.plant import ImperfectPlant
 from rths_cli.rigs.virtual.plant_kernel import Plant
-from rths_cli.rigs.virtual.virtual_rig import build_plant
+from rths_cli.rigs.virtual.virtual_rig import build_plant, fresh_state, normals
 from rths_cli.structure import Specimen
 
 DT_S = 5e-4
@@ -118,17 +119,24 @@ def held(a: Array, b: Array, time_s: float) -> tuple[Array, Array]:
     return both[:n, :n], both[:n, n]
 
 
-def run_plant(plant: Plant, info: RigInfo, command_v: Array) -> tuple[Array, Array, Array]:
-    """Return samples in V (c, n), states (n_states, n) and the velocities in the middle of each interval (c, n)."""
-    state, count = plant_kernel.fresh_state(plant, info.latency_samples), len(command_v)
-    samples = np.zeros((len(info.channels), count))
-    states, middle, quiet = np.zeros((plant.mechanical, count)), np.zeros_like(samples), np.zeros(len(info.channels))
+def run_plant(
+    plant: Plant | ImperfectPlant, info: RigInfo, command_v: Array, noise: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """Return samples in V (c, n), states (n_states, n) and the velocities in the middle of each interval (c, n).
+
+    Of an imperfect plant the displacement of its deck alone is among the states. `noise` (n, normals); None: none.
+    """
+    state, count = fresh_state(plant, info.latency_samples), len(command_v)
+    samples, shown = np.zeros((len(info.channels), count)), plant.mechanical if isinstance(plant, Plant) else 1
+    states, middle, quiet = np.zeros((shown, count)), np.zeros_like(samples), np.zeros(normals(plant))
     one, command = np.zeros(len(info.channels)), np.zeros(1)
     read = plant_kernel.read_samples.bind(plant, state, quiet, one)
     hold = plant_kernel.hold_interval.bind(plant, state, command)
     for k in range(count):
+        if noise is not None:
+            quiet[:] = noise[k]
         read()
-        samples[:, k], states[:, k] = one, state.state[: plant.mechanical]
+        samples[:, k], states[:, k] = one, state.state[:shown]
         command[0] = command_v[k]
         hold()
         middle[:, k] = state.middle_velocity

@@ -16,16 +16,22 @@ from rths_cli.numerics.lti import Array
 if TYPE_CHECKING:
     from rths_cli.case.virtual_imperfections_schema import VirtualImperfections
 
-PER_RUN = "channels.gain_change_between_runs"
+PER_RUN, HUM_PHASE = "channels.gain_change_between_runs", "channels.hum_phase_rad"
 PER_FLOOR = ("masses.", "specimen.", "pitch.storey_height_m")
+
+
+def number_of(stated: VirtualImperfections, seed: int) -> int | None:
+    """Return the number of a laboratory: that of its file, else the seed of the case; None for one as declared."""
+    if stated.off:
+        return None
+    return seed if stated.laboratory is None else stated.laboratory
 
 
 @dataclass(frozen=True)
 class Laboratory:
     """A laboratory as it is.
 
-    `values` by dotted key: an array with an entry per channel, floor or storey, or of one entry. `number` is None for
-    a laboratory whose values all are stated exactly.
+    `values` by dotted key: an array with an entry per channel, floor or storey, or of one entry.
     """
 
     number: int
@@ -54,8 +60,8 @@ def laboratory_of(stated: VirtualImperfections, number: int, channels: int, floo
 def of_run(laboratory: Laboratory, run: tuple[int, ...], channels: int) -> dict[str, Array]:
     """Return what is drawn anew for each run, (channels,) each: changes of gain and phases of the hum in rad."""
     change = drawn(laboratory.stated.channels.gain_change_between_runs, PER_RUN, laboratory.number, channels, run)
-    phase = _stream("channels.hum_phase", laboratory.number, run).uniform(0.0, 2.0 * np.pi, channels)
-    return {PER_RUN: change, "channels.hum_phase_rad": phase}
+    phase = _stream(HUM_PHASE, laboratory.number, run).uniform(0.0, 2.0 * np.pi, channels)
+    return {PER_RUN: change, HUM_PHASE: phase}
 
 
 def drawn(values: Values, key: str, number: int, count: int, run: tuple[int, ...] = ()) -> Array:

@@ -18,7 +18,7 @@ from rths_cli.rigs.virtual.further_outputs import further_outputs
 from rths_cli.rigs.virtual.imperfect import plant as imperfect
 from rths_cli.rigs.virtual.imperfect.from_laboratory import imperfect_plant
 from rths_cli.rigs.virtual.imperfect.plant import ImperfectPlant, ImperfectState
-from rths_cli.rigs.virtual.laboratory import Laboratory, laboratory_of, of_run
+from rths_cli.rigs.virtual.laboratory import Laboratory, laboratory_of, number_of, of_run
 from rths_cli.rigs.virtual.plant import Parts, accelerations, continuous, levels, velocities, with_sensors
 from rths_cli.rigs.virtual.plant_kernel import Plant, PlantState
 from rths_cli.rigs.virtual.specimen_laws import (
@@ -67,10 +67,8 @@ def true_specimen(spec: VirtualRigSpec, specimen: Specimen, seed: int) -> tuple[
 
 def true_laboratory(spec: VirtualRigSpec, seed: int, channels: int, floors: int) -> Laboratory | None:
     """Return the laboratory of a rig file, None for one that is exactly as declared."""
-    if spec.imperfections.off:
-        return None
-    number = seed if spec.imperfections.laboratory is None else spec.imperfections.laboratory
-    return laboratory_of(spec.imperfections, number, channels, floors)
+    number = number_of(spec.imperfections, seed)
+    return None if number is None else laboratory_of(spec.imperfections, number, channels, floors)
 
 
 def as_it_is(spec: VirtualRigSpec, specimen: Specimen, laboratory: Laboratory | None) -> tuple[Specimen, Laws]:

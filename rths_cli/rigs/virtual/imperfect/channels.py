@@ -14,12 +14,20 @@ import numpy as np
 
 from rths_cli.numerics.compiled import borrowed, part, shared_part
 from rths_cli.numerics.lti import Array, Integers
-from rths_cli.rigs.virtual.imperfect.equations import DPITCH, FLOORS, PITCH, Mechanics, X, deck_position
+from rths_cli.rigs.virtual.imperfect.equations import (
+    DPITCH,
+    FLOORS,
+    PITCH,
+    Mechanics,
+    X,
+    deck_position,
+    storey_value,
+)
 
 ACCELERATION, DISPLACEMENT, COIL_DISPLACEMENT, FORCE, DRIFT = range(5)
-"""What a channel senses: acceleration of table (place 0) or floors (1, 2, ..., between two: interpolated); displacement
-of deck or floors, or of the coil; force on the specimen with its base plate (place 0), or on the floors from a storey
-(1, 2, ...) upwards; drift of a storey."""
+"""What a channel senses: absolute acceleration of table (place 0) or floors (1, 2, ..., between two: interpolated);
+absolute displacement of table or floors, or of the coil; force on all that stands on a load cell, at the table (0)
+with a plate, or in a storey (1, 2, ...); drift of a storey (1, 2, ...)."""
 NODES = 5
 BY_NODES = np.linalg.inv(np.vander(np.linspace(0.0, 1.0, NODES), NODES, increasing=True))
 """Coefficients of the powers of the share of a step, from the values at its five instants."""
@@ -45,7 +53,7 @@ class Sensing(NamedTuple):
     noise: Array  # (c,) rms in the channel's unit
     range: Array  # (c,)
     v_per_unit: Array  # (c,) declared
-    base_plate_kg: float  # between load cell and specimen
+    plate_kg: Array  # (c,) what stands on a load cell below the specimen
 
 
 @part
@@ -58,22 +66,21 @@ def sensed(one: Sensing, m: Mechanics, c: int, y: Array, made: Array, accel: Arr
         if floor + 1 < accel.size:
             value += (place - floor) * (accel[floor + 1] - accel[floor])
         return (1.0 + one.lateral[c]) * value - m.gravity_m_s2 * y[PITCH] + one.vertical[c] * made[DPITCH]
-    if kind == DISPLACEMENT:
-        value, floor = deck_position(m, y), int(place)
-        return value if floor == 0 else value + y[FLOORS + floor - 1] + m.heights_m[floor - 1] * y[PITCH]
+    at = int(place)
     if kind == COIL_DISPLACEMENT:
         return y[X]
-    if kind == FORCE:
-        below = max(int(place), 1) - 1
-        value = one.base_plate_kg * (accel[0] - m.gravity_m_s2 * y[PITCH]) if place == 0.0 else 0.0
-        for i in range(below, m.masses_kg.size):
-            value += m.masses_kg[i] * (accel[1 + i] - m.gravity_m_s2 * y[PITCH])
+    if kind == DISPLACEMENT:
+        value = deck_position(m, y)
+        if at > 0:
+            value += y[FLOORS + at - 1] + m.heights_m[at - 1] * y[PITCH]
         return value
-    storey = int(place)
-    value = y[FLOORS + storey - 1]
-    if storey > 1:
-        value -= y[FLOORS + storey - 2]
-    return value
+    if kind == FORCE:
+        tilt = m.gravity_m_s2 * y[PITCH]
+        value = one.plate_kg[c] * (accel[0] - tilt)
+        for i in range(max(at - 1, 0), m.masses_kg.size):
+            value += m.masses_kg[i] * (accel[1 + i] - tilt)
+        return value
+    return storey_value(y, FLOORS, at - 1)
 
 
 @shared_part

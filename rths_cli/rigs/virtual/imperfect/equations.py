@@ -78,6 +78,12 @@ def deck_velocity(m: Mechanics, y: Array) -> float:
 
 
 @part
+def storey_value(y: Array, first: int, storey: int) -> float:
+    """Return drift or rate of a storey, of which those of the floors begin at `first`."""
+    return y[first + storey] - y[first + storey - 1] if storey > 0 else y[first]
+
+
+@part
 def friction_limit(m: Mechanics, velocity: float) -> float:
     """Return the force G that friction has at a steady velocity."""
     if m.stribeck_n == 0.0:

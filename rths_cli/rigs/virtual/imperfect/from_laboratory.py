@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from rths_cli.numerics.lti import Array
 from rths_cli.rigs.virtual.imperfect.channels import ACCELERATION, DISPLACEMENT, DRIFT, FORCE, Sensing
 from rths_cli.rigs.virtual.imperfect.equations import BRISTLE, DQ, FLOORS, PITCH, F, Mechanics, X
 from rths_cli.rigs.virtual.imperfect.plant import FARTHEST, ImperfectPlant
-from rths_cli.rigs.virtual.laboratory import PER_RUN, Laboratory
+from rths_cli.rigs.virtual.laboratory import HUM_PHASE, PER_RUN, Laboratory
 from rths_cli.structure.storey_laws import MAXWELL
 
 if TYPE_CHECKING:
@@ -27,6 +27,14 @@ ERROR_M_S2 = 1e-6  # of the deck's acceleration in the middle of a step
 MAXWELL_PHASE = 1e-3  # rad of the specimen's fastest vibration in a step, where its laws need the way
 
 
+class Output(NamedTuple):
+    """What a channel senses: kind and place as in `imperfect.channels`, and the plate on a load cell at the table."""
+
+    kind: int
+    place: float
+    plate_kg: float = 0.0
+
+
 def imperfect_plant(
     info: RigInfo,
     physics: VirtualPhysics,
@@ -36,14 +44,14 @@ def imperfect_plant(
     interface_mass_kg: float,
     laboratory: Laboratory,
     of_run: dict[str, Array],
-    outputs: tuple[tuple[int, float], ...] | None = None,
+    outputs: tuple[Output, ...] | None = None,
     precision: float = 1.0,
 ) -> ImperfectPlant:
     """Return the plant of a laboratory in one run.
 
-    `specimen` and `laws` as they are, masses and what laws add at rest included. `outputs` are kind and place of each
-    channel (`imperfect.channels`); None: the accelerations of the table and of each floor. `precision` multiplies the
-    errors that a step may make (to check the integration). Raises InputError for instants too far from their clock.
+    `specimen` and `laws` as they are, masses and what laws add at rest included. `outputs`: what each channel senses;
+    None: the accelerations of the table and of each floor. `precision` multiplies the errors that a step may make (to
+    check the integration). Raises InputError for instants too far from their clock.
     """
     value, stated = laboratory.one, laboratory.stated
     masses = specimen.masses_kg
@@ -92,7 +100,7 @@ def imperfect_plant(
     converters = info.converters
     return ImperfectPlant(
         mechanics=mechanics,
-        sensing=_sensing(info, laboratory, of_run, noise_rms_m_s2, _above_the_cell(info, interface_mass_kg), outputs),
+        sensing=_sensing(info, laboratory, of_run, noise_rms_m_s2, outputs or _outputs(info, interface_mass_kg)),
         tolerance=precision * _tolerance(len(masses)),
         tolerance_m_s2=precision * ERROR_M_S2,
         longest_s=_longest_s(specimen, laws, info.dt_s),
@@ -136,26 +144,24 @@ def _sensing(
     laboratory: Laboratory,
     of_run: dict[str, Array],
     noise_rms_m_s2: float,
-    base_plate_kg: float,
-    outputs: tuple[tuple[int, float], ...] | None,
+    sensed: tuple[Output, ...],
 ) -> Sensing:
     """Return the constants of the channels."""
     channels, stated = info.all_channels, laboratory.stated
     of_channels = {key.removeprefix("channels."): value for key, value in laboratory.values.items()}
-    kinds = outputs or _outputs(info)
     across = of_channels["transverse_sensitivity"]
     corners = np.array([[one.low_pass_hz, one.high_pass_hz] for one in channels])
     _instant(info, "channels.skew_s", float(np.abs(of_channels["skew_s"]).max()))
     return Sensing(
-        kind=np.array([kind for kind, _ in kinds], dtype=np.int64),
-        place=np.array([place for _, place in kinds], dtype=float),
+        kind=np.array([one.kind for one in sensed], dtype=np.int64),
+        place=np.array([one.place for one in sensed], dtype=float),
         low_pass=2.0 * np.pi * corners[:, 0] * (1.0 + of_channels["low_pass_error"]),
         high_pass=2.0 * np.pi * corners[:, 1] * (1.0 + of_channels["high_pass_error"]),
         gain=1.0 + _gain_errors(info, laboratory) + of_run[PER_RUN],
         skew_s=of_channels["skew_s"],
         offset_v=of_channels["offset_v"],
         hum_v=of_channels["hum_v"],
-        hum_phase=of_run["channels.hum_phase_rad"],
+        hum_phase=of_run[HUM_PHASE],
         hum_rate=2.0 * np.pi * stated.channels.hum_hz,
         walk_v=of_channels["offset_walk_v_per_sqrt_s"] * np.sqrt(info.dt_s),
         vertical=across * stated.pitch.sensor_arm_m,
@@ -163,13 +169,8 @@ def _sensing(
         noise=np.array([noise_rms_m_s2] * len(info.channels) + [one.noise_rms for one in info.further]),
         range=np.array([one.range for one in channels]),
         v_per_unit=np.array([one.sensitivity_v_per_unit for one in channels]),
-        base_plate_kg=base_plate_kg,
+        plate_kg=np.array([one.plate_kg for one in sensed], dtype=float),
     )
-
-
-def _above_the_cell(info: RigInfo, interface_mass_kg: float) -> float:
-    """Return the mass in kg between a load cell on the table and the specimen."""
-    return interface_mass_kg + max((one.plate_mass_kg for one in info.further), default=0.0)
 
 
 def _gain_errors(info: RigInfo, laboratory: Laboratory) -> Array:
@@ -182,14 +183,15 @@ def _gain_errors(info: RigInfo, laboratory: Laboratory) -> Array:
     return errors
 
 
-def _outputs(info: RigInfo) -> tuple[tuple[int, float], ...]:
-    """Return kind and place of each channel of a rig, the accelerometers of table and floors first."""
+def _outputs(info: RigInfo, interface_mass_kg: float) -> tuple[Output, ...]:
+    """Return what each channel of a rig senses, the accelerometers of table and floors first."""
     names = [channel.name for channel in info.channels]
-    found = [(ACCELERATION, float(c)) for c in range(len(names))]
+    found = [Output(ACCELERATION, float(c)) for c in range(len(names))]
     kinds = {"acceleration": ACCELERATION, "displacement": DISPLACEMENT, "force": FORCE, "strain": DRIFT}
     for one in info.further:
         at = 0 if one.position == "table" else names.index(one.position.replace("storey_", "floor_"))
-        found.append((kinds[one.kind], float(at)))
+        plate = interface_mass_kg + one.plate_mass_kg if one.kind == "force" and at == 0 else 0.0
+        found.append(Output(kinds[one.kind], float(at), plate))
     return tuple(found)
 
 

@@ -24,9 +24,19 @@ from rths_cli.rigs.virtual.imperfect.channels import (
     polynomial,
     sensed,
 )
-from rths_cli.rigs.virtual.imperfect.equations import DPITCH, FLOORS, Mechanics, X, deck_position, deck_velocity, rates
+from rths_cli.rigs.virtual.imperfect.equations import (
+    DPITCH,
+    FLOORS,
+    Mechanics,
+    X,
+    deck_position,
+    deck_velocity,
+    rates,
+    storey_value,
+)
 from rths_cli.rigs.virtual.plant_kernel import END_STOP, convert
 from rths_cli.rigs.virtual.specimen_laws import REMEMBERED, law_force
+from rths_cli.structure.storey_laws import SOFTENING
 
 STAGES = 7
 FRACTIONS = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
@@ -71,7 +81,7 @@ class ImperfectState(NamedTuple):
     law_begun_n: Array  # (n,) the same at the start of the step
     law_memory: Array  # (l, REMEMBERED)
     law_trial: Array  # (l, REMEMBERED)
-    deck_accel: Array  # (NODES,) over a step
+    accels: Array  # (1 + n, NODES) accelerations over a step
     nodes: Array  # (c, NODES) what the channels sense over a step
     powers: Array  # (NODES,) coefficients of the polynomial through it
     fast: Array  # (c,) filters with the rate of the low pass
@@ -94,7 +104,7 @@ class ImperfectPlant(NamedTuple):
     """Constants of the table, its channels and its converters.
 
     `lead_s` is how far a window reaches beyond its nominal instant. `tolerance` (k,) is the error of the state that a
-    step may make, `tolerance_m_s2` that of the acceleration in its middle.
+    step may make, `tolerance_m_s2` that of an acceleration in its middle.
     """
 
     mechanics: Mechanics
@@ -135,7 +145,7 @@ def fresh_state(plant: ImperfectPlant, latency_samples: int) -> ImperfectState:
     n, laws = m.masses_kg.size, m.law_code.size
     return ImperfectState(
         np.zeros(1), np.zeros(k), np.zeros((STAGES + 1, k)), np.zeros(k), np.zeros(k), np.zeros(1 + n),
-        np.zeros(n), np.zeros(n), np.zeros((laws, REMEMBERED)), np.zeros((laws, REMEMBERED)), np.zeros(NODES),
+        np.zeros(n), np.zeros(n), np.zeros((laws, REMEMBERED)), np.zeros((laws, REMEMBERED)), np.zeros((1 + n, NODES)),
         np.zeros((c, NODES)), np.zeros(NODES), np.zeros(c), np.zeros(c), np.zeros(c), np.zeros(c), np.zeros(c),
         np.zeros(c), np.zeros(2), np.zeros(max(latency_samples, 1)), np.zeros(1), np.full(1, plant.longest_s),
         np.zeros(1, dtype=np.int64), np.zeros(1 + n), np.zeros(1, dtype=np.int64),
@@ -198,10 +208,7 @@ def find_laws(p: ImperfectPlant, s: ImperfectState, y: Array, time_s: float) -> 
         s.law_n[i] = 0.0
     for law in range(m.law_code.size):
         storey = m.law_storey[law]
-        drift, rate = y[FLOORS + storey], y[FLOORS + n + storey]
-        if storey > 0:
-            drift -= y[FLOORS + storey - 1]
-            rate -= y[FLOORS + n + storey - 1]
+        drift, rate = storey_value(y, FLOORS, storey), storey_value(y, FLOORS + n, storey)
         for k in range(s.law_memory.shape[1]):
             s.law_trial[law, k] = s.law_memory[law, k]
         s.law_n[storey] += law_force(m.law_code[law], m.law_numbers[law], s.law_trial[law], drift, rate, time_s)
@@ -244,6 +251,19 @@ def embedded_error(p: ImperfectPlant, s: ImperfectState, step_s: float) -> float
 
 
 @part
+def turning_error(p: ImperfectPlant, s: ImperfectState, step_s: float) -> float:
+    """Return how far a drift goes and comes back within a step, over what is tolerated: laws follow its ends only."""
+    m, error = p.mechanics, 0.0
+    first = FLOORS + m.masses_kg.size
+    for law in range(m.law_code.size):
+        begin, end = storey_value(s.y, first, m.law_storey[law]), storey_value(s.end, first, m.law_storey[law])
+        if begin * end < 0.0 and m.law_code[law] != SOFTENING:
+            least = min(abs(begin), abs(end))
+            error = max(error, 0.5 * step_s * least * least / abs(end - begin) / p.tolerance[FLOORS])
+    return error
+
+
+@part
 def try_step(
     p: ImperfectPlant, s: ImperfectState, begun_s: float, step_s: float, command_v: float, first: int
 ) -> float:
@@ -260,7 +280,7 @@ def try_step(
                 node = NODES - 1
         else:
             if at == STAGES:
-                error = embedded_error(p, s, step_s)
+                error = max(embedded_error(p, s, step_s), turning_error(p, s, step_s))
                 if error > 1.0 and step_s > shortest_s:
                     return error
             node = at - STAGES + 1
@@ -273,12 +293,15 @@ def try_step(
             for k in range(s.y.size):
                 s.end[k] = s.trial[k]
         if node >= 0:
-            s.deck_accel[node] = s.accel[0]
+            for i in range(s.accel.size):
+                s.accels[i, node] = s.accel[i]
             for c in range(s.fast.size):
                 s.nodes[c, node] = sensed(p.sensing, p.mechanics, c, s.trial, made, s.accel)
-    a = s.deck_accel
-    bent = a[2] - (4.0 * (a[1] + a[3]) - a[0] - a[4]) / 6.0  # fourth difference
-    return max(error, abs(bent) / p.tolerance_m_s2)
+    for i in range(s.accel.size):
+        a = s.accels[i]
+        bent = a[2] - (4.0 * (a[1] + a[3]) - a[0] - a[4]) / 6.0  # fourth difference
+        error = max(error, abs(bent) / p.tolerance_m_s2)
+    return error
 
 
 @part
@@ -318,7 +341,8 @@ def finish_step(p: ImperfectPlant, s: ImperfectState, start_s: float, now_s: flo
         s.law_begun_n[i] = s.law_n[i]
     for k in range(s.y.size):
         s.y[k], s.stages[0, k] = s.end[k], s.stages[STAGES - 1, k]
-    s.deck_accel[0] = s.deck_accel[NODES - 1]
+    for i in range(s.accel.size):
+        s.accels[i, 0] = s.accels[i, NODES - 1]
 
 
 @part

@@ -58,5 +58,5 @@ def _figures(sweep: Sweep) -> Iterator[Html]:
 
     for name, image in sweep_images(sweep) if sweep.numbers is None else ():
         source = f"data:image/svg+xml;base64,{base64.b64encode(image).decode('ascii')}"
-        image = Html(f'<img src="{source}" alt="{ALT[name]}" style="max-width: 100%; background: white">')
-        yield classed("p", "figure", image)
+        shown = Html(f'<img src="{source}" alt="{ALT[name]}" style="max-width: 100%; background: white">')
+        yield classed("p", "figure", shown)

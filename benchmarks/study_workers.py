@@ -4,8 +4,8 @@
 
 RUNS (default 200) EXP-RTHS of `el_centro_low_ff_fb`, seeds from 0 on, alternating within each of ROUNDS (default 3)
 rounds: by `rths sweep --engine processes --jobs 2`, and half of the seeds in each of two commands `--engine inline`
-that run at the same time. A rate is rows per second from the first rows that are there to the last one, so that start and
-checks do not count. Prints both and their ratio for each round, and the median of the ratios.
+that run at the same time. A rate is rows per second from the first rows that are there to the last one, so that start
+and checks do not count. Prints both and their ratio for each round, and the median of the ratios.
 """
 
 from __future__ import annotations

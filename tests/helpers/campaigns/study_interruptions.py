@@ -1,8 +1,9 @@
 """Interrupt sweeps at random instants, let them go on, and compare the table with that of an uninterrupted one.
 
 A sweep of 120 rows, some milliseconds each, is a command of its own, forked from a process that has imported it. Its
-instant is drawn over the time in which it plays rows and writes the table. Afterwards the rows that are kept must be whole and there once, the same command with
-`--resume` must play the others alone, and the datasets of the table must be those of the reference to the last bit.
+instant is drawn over the time in which it plays rows and writes the table. Afterwards the rows that are kept must be
+whole and there once, the same command with `--resume` must play the others alone, and the datasets of the table must
+be those of the reference to the last bit.
 """
 
 from __future__ import annotations

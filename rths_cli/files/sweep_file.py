@@ -47,7 +47,7 @@ FORMAT = "rths-sweep"
 FORMAT_VERSION = 1
 CSV_START = b"variant,"
 BATCH_VALUES = 1 << 20  # of one axis, in memory on their way to the disk
-TEXTS_AT_ONCE = 1 << 16
+TEXTS_AT_ONCE = LONG = 1 << 16  # values of one column
 MOST_RUNS, MOST_STOREYS = 1 << 22, 1000  # of a table that is read whole
 CASE = ("case_yaml", "case_resolved")
 STUDY = "study_yaml"
@@ -188,9 +188,12 @@ def _sweep(file: h5py.File) -> Sweep:
     if len({figure.values.shape[1] for figure in figures.values() if figure.values.ndim > 1}) > 1:
         raise LayoutError("has figures of other numbers of storeys")
     found.setdefault("processor", np.full(runs, "", dtype=object))  # an older rths did not write it
-    texts = {name: tuple(map(str, _column(found, name, "OSU", runs).tolist())) for name in TEXTS}
+    texts: dict[str, tuple[str, ...]] = {}
+    for name in TEXTS:
+        texts[name] = tuple(_column(found, name, "OSU", runs))
+        del found[name]  # a long column is not kept twice
     varied: dict[str, tuple[Any, ...] | NDArray[Any]] = {
-        key: tuple(_column(found, key, "OSUf", runs).tolist()) for key in keys
+        key: _values_of_axis(_column(found, key, "OSUf", runs)) for key in keys
     }
     yaml, resolved = (member(found, name, str) for name in CASE)
     study = member(found, STUDY, str) if STUDY in found else ""
@@ -219,6 +222,11 @@ def _values(node: DatasetID, name: str, spelt: dict[str, str]) -> Any:
         part = dataset.asstr()[start : start + TEXTS_AT_ONCE]
         found[start : start + TEXTS_AT_ONCE] = [spelt.setdefault(text, text) for text in map(str, part)]
     return found
+
+
+def _values_of_axis(column: NDArray[Any]) -> tuple[Any, ...] | NDArray[Any]:
+    """Return the values (n,) of a varied key; many numbers stay an array: each is an object of 24 bytes elsewhere."""
+    return column if column.dtype.kind == "f" and len(column) > LONG else tuple(column.tolist())
 
 
 def _check_table(nodes: Mapping[str, DatasetID]) -> None:

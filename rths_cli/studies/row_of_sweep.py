@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rths_cli.case.load import PlacedSettings, load_written, written_case
 from rths_cli.case.yaml_reader import dump
@@ -67,7 +68,7 @@ def read_row(path: Path, number: int, settings: Sequence[str] = ()) -> SweptRow:
         raise InputError(f"{path}: does not say where its case comes from, it is of an older rths; run the sweep again")
     written = written_case(sweep.case_yaml, Path(str(about["case_file"])))
     shared = PlacedSettings(_texts(path, str(about["settings"])), Path(str(about["settings_folder"])))
-    varied = {key: _as_given(values[number - 1]) for key, values in sweep.varied.items()}
+    varied = {key: _as_given(_one(values, number - 1)) for key, values in sweep.varied.items()}
     own = [f"{key}={dump(value)}" for key, value in varied.items()]
     placed = PlacedSettings(own, Path(str(about["values_folder"])))
     named = load_written(written, shared, placed)
@@ -89,6 +90,11 @@ def _texts(path: Path, text: str) -> list[str]:
 
 def _figures(sweep: Sweep, number: int) -> dict[str, Array]:
     return {path: np.atleast_1d(figure.values[number - 1]) for path, figure in sweep.figures.items()}
+
+
+def _one(values: tuple[Any, ...] | NDArray[Any], place: int) -> Any:
+    """Return one of the values of an axis, of an array as an object of Python's own."""
+    return values[place].item() if isinstance(values, np.ndarray) else values[place]
 
 
 def _as_given(value: Any) -> Any:

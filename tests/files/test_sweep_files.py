@@ -163,6 +163,10 @@ def test_texts_that_are_read_by_parts_are_the_same(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(sweep_file, "TEXTS_AT_ONCE", 2)
     parts = read_sweep(tmp_path / "x.h5")
     assert parts.texts == whole.texts == made().texts and parts.varied == whole.varied
+    monkeypatch.setattr(sweep_file, "LONG", 2)
+    for key, values in read_sweep(tmp_path / "x.h5").varied.items():
+        assert isinstance(values, np.ndarray) is (key != "controller")
+        assert tuple(values) == whole.varied[key]
 
 
 def test_a_disk_that_refuses_is_a_sentence_and_leaves_nothing(tmp_path: Path) -> None:

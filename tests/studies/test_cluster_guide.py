@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from rths_cli.files.sweep_file import rows_path
 ROOT = Path(__file__).parents[2]
 GUIDE = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
 SEEDS, KEPT = 60, 5
+MANY = 5000  # seeds, whose rows take longer than a worker to start
 STUDY = f"case: short\naxes: {{table.after_identification.coulomb_factor: [1, 3]}}\nseeds: {SEEDS}\n"
 LIMIT_S = 300.0
 
@@ -92,6 +94,26 @@ def test_a_study_is_run_stopped_resumed_and_reported_as_the_guide_says(
     alone = ["rths", "sweep", "robustness.yaml", "--engine", "inline", "--output", "alone.h5"]
     code, told = ended(started(alone, folder))
     assert code == 0 and datasets(folder / "alone.h5") == datasets(output), told
+
+
+def test_a_worker_of_another_version_that_joins_late_is_told(
+    folder: Path, cluster: tuple[list[str], list[str]], tmp_path: Path
+) -> None:
+    worker, sweep = cluster
+    other = tmp_path / "other"
+    shutil.copytree(ROOT / "rths_cli", other / "rths_cli", ignore=shutil.ignore_patterns("__pycache__"))
+    (other / "rths_cli" / "version.py").write_text('__version__ = "9.9"\n')
+    output = folder / "sweeps" / "robustness.h5"
+    running = started([*sweep, "--seeds", str(MANY)], folder)
+    wait_for_rows(running, output)
+    late = started(worker, folder, str(other))
+    try:
+        code, told = ended(running)
+    finally:
+        os.killpg(late.pid, signal.SIGKILL)
+        late.communicate()
+    assert code == 2 and "a worker runs rths 9.9, this process rths" in told, told
+    assert "Traceback" not in told and rows_path(output).exists()
 
 
 def wait_for_rows(process: subprocess.Popen[str], output: Path) -> None:

@@ -15,6 +15,7 @@ from rths_cli.case.keys_without_effect import without_effect
 from rths_cli.case.load import PlacedSettings, load_written
 from rths_cli.errors import InputError
 from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.rigs.from_case import laboratory_follows_seed
 from rths_cli.studies.plan import Plan
 from rths_cli.studies.study_plan import Asked, Planned, read_plan
 from rths_cli.studies.sweep_table import kept_columns
@@ -60,7 +61,9 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
     first: Setup | None = None
     unread: dict[str, str] | None = None
     doubts: dict[str, list[str]] = {}
+    own = False
     for setup in _setups(asked, planned, shared, progress):
+        own = own or laboratory_follows_seed(setup.case)
         keys = shared.keys(setup)
         stages.add(keys)
         digest.update(repr((keys.content, setup.record_sha256, sorted(setup.case.accept.items()))).encode())
@@ -75,6 +78,11 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
         raise InputError(*(f"{names[key]}: changes nothing in a sweep, {why}; {advice}" for key, why in unread.items()))
     if planned.own_seed:
         plan = replace(plan, seeds=range(first.case.seed, first.case.seed + 1))
+    if own and plan.seeds != range(first.case.seed, first.case.seed + 1):
+        raise InputError(
+            f"seeds: another seed is another laboratory of rig {first.rig.name}, with an identification of its own; "
+            "state table.imperfections.laboratory for seeds in one laboratory, or vary that key"
+        )
     digest.update(repr((plan.digest(), [column.path for column in columns], first.overrides)).encode())
     base, told = _base(asked, planned, shared, first), tuple(_doubt(each, plan) for each in doubts.values())
     return Points(asked, planned, base, plan, columns, stages.order(), storeys, digest.hexdigest(), told)

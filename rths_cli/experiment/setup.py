@@ -26,7 +26,7 @@ from rths_cli.numerics.lti import Array
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import metrics_of
 from rths_cli.rigs.description import RigInfo
-from rths_cli.rigs.from_case import rig_info
+from rths_cli.rigs.from_case import rig_info, true_values
 from rths_cli.structure import Building, Similitude, build, similitude_of
 
 if TYPE_CHECKING:
@@ -113,8 +113,12 @@ def make_setup(
         "building", building_key(case), lambda: interruptible(lambda: build(case.structure, case.damping))
     )
     computed_storeys(building, 1.0 / case.sample_rate_hz, case.integration)  # refuses what cannot be integrated
-    masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
-    setup = Setup(case, motion, record_sha256, building, rig_info(case), masses, overrides, dict(parts or {}), samples)
+    masses, info = np.asarray(case.structure.experimental.masses_kg, dtype=float), rig_info(case)
+    try:
+        true_values(case, info)
+    except InputError as error:
+        raise InputError(*(placed(case, fault) for fault in error.faults)) from error
+    setup = Setup(case, motion, record_sha256, building, info, masses, overrides, dict(parts or {}), samples)
     return with_own_storeys(setup)
 
 

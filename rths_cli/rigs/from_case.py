@@ -229,6 +229,12 @@ def laboratory_number(case: Case) -> int | None:
     return number_of(case.table.imperfections, case.seed)
 
 
+def laboratory_follows_seed(case: Case) -> bool:
+    """Return whether another seed of a case is another laboratory."""
+    number = laboratory_number(case)
+    return number is not None and number != laboratory_number(case.model_copy(update={"seed": case.seed + 1}))
+
+
 def true_values(case: Case, info: RigInfo) -> dict[str, Array]:
     """Return the values of a laboratory with imperfections by dotted key, none of one that is as declared."""
     laboratory = _laboratory(case, info)

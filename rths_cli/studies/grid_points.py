@@ -16,6 +16,7 @@ from rths_cli.case.load import PlacedSettings, load_written
 from rths_cli.errors import InputError
 from rths_cli.experiment.true_reference import is_another
 from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.rigs.from_case import laboratory_follows_seed
 from rths_cli.studies.plan import Plan
 from rths_cli.studies.study_plan import Asked, Planned, read_plan
 from rths_cli.studies.sweep_table import kept_columns
@@ -62,7 +63,9 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
     first: Setup | None = None
     unread: dict[str, str] | None = None
     doubts: dict[str, list[str]] = {}
+    own = False
     for setup in _setups(asked, planned, shared, progress):
+        own = own or laboratory_follows_seed(setup.case)
         keys = shared.keys(setup)
         stages.add(keys)
         digest.update(repr((keys.content, setup.record_sha256, sorted(setup.case.accept.items()))).encode())
@@ -79,6 +82,11 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
     if planned.own_seed:
         plan = replace(plan, seeds=range(first.case.seed, first.case.seed + 1))
     columns = kept_columns(planned.metrics, planned.study, has_laws, has_truth)
+    if own and plan.seeds != range(first.case.seed, first.case.seed + 1):
+        raise InputError(
+            f"seeds: another seed is another laboratory of rig {first.rig.name}, with an identification of its own; "
+            "state table.imperfections.laboratory for seeds in one laboratory, or vary that key"
+        )
     digest.update(repr((plan.digest(), [column.path for column in columns], first.overrides)).encode())
     base, told = _base(asked, planned, shared, first), tuple(_doubt(each, plan) for each in doubts.values())
     return Points(asked, planned, base, plan, columns, stages.order(), storeys, digest.hexdigest(), told)

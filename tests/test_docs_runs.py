@@ -72,7 +72,10 @@ def drawing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_pages_that_are_run_as_written_are_these() -> None:
     """A block that lost its language would take its page out of them."""
-    howto = {f"howto/{name}.md" for name in ("ci", "hardware", "read_the_pages", "reading_results", "write_a_case")}
+    howto = {
+        f"howto/{name}.md"
+        for name in ("channels", "ci", "hardware", "read_the_pages", "reading_results", "write_a_case")
+    }
     own = {f"howto/own_{name}.md" for name in ("controller", "law", "record", "table")}
     background = {f"background/{name}.md" for name in ("control", "similitude", "substructures")}
     tutorials = {f"tutorial/{name}.md" for name in ("first_run", "yielding_storey", "base_isolated_building")}

@@ -14,6 +14,7 @@ from rths_cli.numerics.lti import Array, Block, StateSpace
 from rths_cli.structure import Specimen
 
 RESIDUAL = ("base_shear_unexplained_n",)
+LASTS = 0.3  # rad of the highest mode, over which a difference from the identified specimen is taken as constant
 
 
 def specimen_state_space(specimen: Specimen) -> StateSpace:
@@ -117,15 +118,19 @@ def leading_low_pass(corner_hz: float, lead_s: float) -> StateSpace:
     return StateSpace(chain, np.array([[w], [0.0], [0.0]]), np.array([weights]), np.zeros((1, 1)))
 
 
-def carried_by_correction(specimen: Specimen, q: float, r: float, lead_s: float) -> Array:
+def carried_by_correction(specimen: Specimen, q: float, r: float, lead_s: float) -> Array | None:
     """Return what the filter's correction makes of the base shear within `lead_s`, (n,) in N per m/s^2 by which a floor
     is measured beyond its estimate.
 
     `predicted_shear` moves the estimated state on by the specimen alone. The filter will go on correcting it, by its
     gain L times a difference that lasts where the specimen is not the identified one: without this part the base shear
-    is early or late in proportion to the lead. W = [K, C summed over storeys] int_0^lead exp(A s) ds L.
+    is early or late in proportion to the lead. W = [K, C summed over storeys] int_0^lead exp(A s) ds L. None where the
+    highest mode turns by more than LASTS within the lead: there no difference lasts so long, and the loop would only
+    lose its margin.
     """
     system = specimen_state_space(specimen)
+    if lead_s * float(np.abs(np.linalg.eigvals(system.A)).max()) > LASTS:
+        return None
     n = len(system.A)
     chain = np.zeros((2 * n, 2 * n))
     chain[:n, :n], chain[:n, n:] = system.A, np.eye(n)

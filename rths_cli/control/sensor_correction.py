@@ -23,10 +23,13 @@ def recorrected(accel: Array, before: tuple[Channel, ...], after: tuple[Channel,
 
 
 def _polynomial(channel: Channel, dt_s: float) -> Array:
-    """Return the numerator (4,) of a channel's correction in powers of 1/z; its denominator is 1 - 1/z."""
+    """Return the numerator of a channel's correction in powers of 1/z; its denominator is 1 - 1/z.
+
+    Without AC coupling the numerator has the denominator as a factor; both are left out.
+    """
     half, lead = _corner_terms(channel, dt_s)
-    low_pass = np.array([1.0 + 1.5 * lead, -2.0 * lead, 0.5 * lead])
-    return np.convolve(low_pass, [1.0 + half, half - 1.0]) / channel.sensitivity_v_per_unit
+    low_pass = np.array([1.0 + 1.5 * lead, -2.0 * lead, 0.5 * lead]) / channel.sensitivity_v_per_unit
+    return np.convolve(low_pass, [1.0 + half, half - 1.0]) if channel.high_pass_hz > 0.0 else low_pass
 
 
 def _corner_terms(channel: Channel, dt_s: float) -> tuple[float, float]:

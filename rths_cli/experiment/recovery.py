@@ -293,7 +293,7 @@ def _signals(log: RawLog, setup: Setup) -> Signals:
         estimated=rows(list(takewhile(columns.__contains__, _named("estimated")))),
         logged=rows(list(takewhile(columns.__contains__, _named("logged")))).reshape(-1, unknown.size),
         **{name: rows(_numbered(name, channels)) for name in several},
-        **{name: rows(_numbered(name, further)).reshape(further, -1) for name in ("further", "further_v")},
+        **{name: rows(_numbered(name, further)).reshape(further, unknown.size) for name in ("further", "further_v")},
         **{name: columns.get(name, unknown) for name in single},
         **{name: columns.get(name, unknown[:0]) for name in TIMED},
     )

@@ -85,7 +85,8 @@ def identify(
     that model is judged instead of one fitted here. Raises InputError if the records do not fit together, UnfitRecord
     if channels are dead, clipped, incoherent, swapped or have the wrong sign.
     """
-    data = evidence(records, quiet, info, floor_masses_kg, settings or IdentificationSettings())
+    settings = settings or IdentificationSettings()
+    data = evidence(records, quiet, info, floor_masses_kg, settings)
     declared = _identified(data, given)
     calibration = _calibration(data, declared) if info.calibrates and len(data.masses_kg) else None
     if calibration is None:
@@ -94,7 +95,7 @@ def identify(
     corrected = [_recorrected(record, info.channels, channels, info.dt_s) for record in records]
     low = _recorrected(quiet, info.channels, channels, info.dt_s) if quiet else None
     there = replace(info, channels=channels)
-    data = evidence(corrected, low, there, data.masses_kg * calibration.mass, data.settings)
+    data = evidence(corrected, low, there, data.masses_kg * calibration.mass, settings)
     return replace(_identified(data, given), calibration=calibration)
 
 

@@ -162,8 +162,6 @@ def _of_laboratory() -> Iterator[DatasetDeclaration]:
     for axes, entries in ((("channel",), OF_CHANNELS), (("floor",), OF_STOREYS), ((), OF_LABORATORY)):
         for name, units, text in entries:
             yield DatasetDeclaration(f"truth/{name}", units, axes, "true", text, present=IMPERFECT)
-    for name, units, text in OF_EACH_RUN:
-        yield DatasetDeclaration(f"RUN/truth/{name}", units, ("channel",), "true", text, present=IMPERFECT)
 
 
 def _of_solution() -> Iterator[DatasetDeclaration]:
@@ -264,6 +262,8 @@ def _of_truth() -> Iterator[DatasetDeclaration]:
     yield DatasetDeclaration("RUN/truth/table_accel_m_s2", ACCEL, TIME, "true", f"table acceleration, {mean}")
     yield DatasetDeclaration("RUN/truth/table_disp_m", "m", TIME, "true", "table displacement (virtual rig only)")
     yield DatasetDeclaration("RUN/truth/floor_accel_m_s2", ACCEL, ON_FLOORS, "true", f"floor acceleration, {mean}")
+    for name, units, text in OF_EACH_RUN:
+        yield DatasetDeclaration(f"RUN/truth/{name}", units, ("channel",), "true", text, present=IMPERFECT)
 
 
 def _of_identification() -> Iterator[DatasetDeclaration]:

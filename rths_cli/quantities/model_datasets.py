@@ -235,7 +235,10 @@ MODEL_ATTRIBUTES: dict[str, AttributeDeclaration] = {
         AttributeDeclaration("rig_kind", "text", "its kind"),
         AttributeDeclaration("rig_sha256", "text", "SHA-256 of the rig file's values that a model depends on"),
         AttributeDeclaration(
-            "laboratory", "number", "number of the virtual laboratory; only of a rig with imperfections"
+            "laboratory",
+            "number",
+            "number of the virtual laboratory",
+            present="only of a virtual rig with imperfections",
         ),
         AttributeDeclaration("structure", "text", "name of the structure whose specimen stood on the table"),
         AttributeDeclaration("specimen_sha256", "text", "SHA-256 of what a model depends on of the specimen"),

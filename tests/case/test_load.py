@@ -58,7 +58,7 @@ def test_every_fault_of_every_file_comes_at_once_with_its_place(write) -> None:
     first, second = write(text=text), write("seed: 1.5\n", name="b.yaml")
     with pytest.raises(InputError) as caught:
         load_cases([first, second, "c.yaml"], ["nothing"])
-    known = "known: accept, check, controller, damping"
+    known = "known: accept, base_shear_uncertainty, check"
     assert [fault.partition(known)[0] for fault in caught.value.faults] == [
         "--set nothing: must be key=value, for example --set table.physics.coulomb_n=0.9",
         "a.yaml:1:12: structure: no structure is called 'three_stoery'; did you mean three_storey or "

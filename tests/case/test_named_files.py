@@ -52,7 +52,7 @@ def test_a_record_is_found_under_its_suffixes(lab: Path, suffix: str) -> None:
 def test_an_unknown_name_says_what_is_near_or_what_exists(lab: Path) -> None:
     with pytest.raises(InputError, match=r"no record is called 'el_centr'; did you mean el_centro\?"):
         find("el_centr", "records", lab)
-    with pytest.raises(InputError, match="no rig is called 'xyz'; known: aps400_virtual"):
+    with pytest.raises(InputError, match="no rig is called 'xyz'; known: aps400_laboratory, aps400_virtual"):
         find("xyz", "rigs", lab)
 
 

@@ -90,7 +90,10 @@ def test_names_of_structures_records_and_rigs_complete(tmp_path: Path, monkeypat
     monkeypatch.chdir(tmp_path)
     (tmp_path / "three_own.yaml").write_text("extends: three_storey\nheights_m: [1, 1, 1]\n")
     assert complete("structure", "three_") == ["plain,three_own", "plain,three_storey", "plain,three_storey_bare"]
-    assert complete("records", "el_") == ["plain,el_centro"] and complete("serve", "aps") == ["plain,aps400_virtual"]
+    assert complete("records", "el_") == ["plain,el_centro"] and complete("serve", "aps") == [
+        "plain,aps400_laboratory",
+        "plain,aps400_virtual",
+    ]
     assert complete("doctor", "--rig", "udp_l") == ["plain,udp_loopback"]
     assert complete("list", "re") == ["plain,records", "plain,references"]
 

@@ -22,6 +22,8 @@ def outcome(steps: int, done: int) -> Outcome:
         estimated=np.vstack([count, count, count]),
         base_shear_n=count,
         logged=np.zeros((0, steps)),
+        further=np.zeros((0, steps)),
+        further_v=np.zeros((0, steps)),
         true_velocity_m_s=np.vstack([count**2, count**2]),
         true_displacement_m=count,
         compute_ns=count,

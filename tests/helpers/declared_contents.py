@@ -75,7 +75,11 @@ def model_faults(path: Path) -> list[str]:
     """Return what a model file holds and is declared otherwise or nowhere."""
     with h5py.File(path) as file:
         faults = [f"attribute {name}" for name in file.attrs if name not in MODEL_ATTRIBUTES]
-        faults += [f"attribute {name} is missing" for name in MODEL_ATTRIBUTES if name not in file.attrs]
+        faults += [
+            f"attribute {name} is missing"
+            for name, one in MODEL_ATTRIBUTES.items()
+            if name not in file.attrs and not one.present
+        ]
         for node in _nodes(file):
             group, _, name = node.name.strip("/").rpartition("/")
             if node.is_scale and name in AXES:

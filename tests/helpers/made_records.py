@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from rths_cli.loop.simulated_time_run import play
 from rths_cli.loop.step_arrays import EXCITATION
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array, Block, ComplexArray
-from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo, Uncertainty
 from rths_cli.rigs.virtual.plant import accelerations, continuous
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
@@ -38,14 +38,16 @@ def make_specimen(
 def make_info(
     specimen: Specimen, bits: int = 16, dt_s: float = 5e-4, stroke_m: float = 0.079, latency_samples: int = 1
 ) -> RigInfo:
-    """Return what a laboratory knows of the default rig."""
+    """Return what a laboratory knows of the default rig, whose sensors are exactly as declared."""
     names = ["table", *(f"floor_{i + 1}" for i in range(len(specimen.masses_kg)))]
     range_m_s2 = 5.0 * STANDARD_GRAVITY_M_S2
-    channels = tuple(Channel(name, 1.0 / STANDARD_GRAVITY_M_S2, range_m_s2, 0.024, 1549.0) for name in names)
+    one = Channel("", 1.0 / STANDARD_GRAVITY_M_S2, range_m_s2, 0.024, 1549.0, uncertainty=0.0)
+    channels = tuple(replace(one, name=name) for name in names)
     limits = Limits(stroke_m, 1.0, 45.0, 445.0)
     payload = float(specimen.masses_kg.sum())
     converters = Converters(bits, 10.0)
-    return RigInfo("aps", "virtual", dt_s, channels, converters, latency_samples, limits, 0.0079, 7.0, payload)
+    known = RigInfo("aps", "virtual", dt_s, channels, converters, latency_samples, limits, 0.0079, 7.0, payload)
+    return replace(known, uncertainty=Uncertainty(0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True)

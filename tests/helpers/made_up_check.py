@@ -31,8 +31,9 @@ OF_LAWS = (
     "check.tangent_", "check.critical_delay_least_s", "check.critical_delay_most_s", "check.ductility",
     "check.residual_drift_m", "check.restoring_work_j", "check.peak_inter_storey_drift_m",
 )  # fmt: skip
-LINEAR = {path for path in metrics_of("check") if not path.startswith(OF_LAWS)}
-"""The figures of a check of a linear building."""
+OF_CALIBRATION = ("check.true_error", "check.calibration_error")
+LINEAR = {path for path in metrics_of("check") if not path.startswith((*OF_LAWS, *OF_CALIBRATION))}
+"""The figures of a check of a linear building on a rig that is exactly as declared."""
 
 
 def metrics(seed: int = 0) -> Values:

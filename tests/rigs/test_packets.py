@@ -140,7 +140,7 @@ def test_a_packet_under_another_key_is_forged() -> None:
 
 def test_a_size_beyond_the_memory_is_malformed() -> None:
     """MSG_TRUNC tells the size sent; only what fits stands in memory."""
-    data = Packet(packets.SAMPLES, 1, bytes(8 * 17)).sealed(KEY)
+    data = Packet(packets.SAMPLES, 1, bytes(8 * (packets.MOST_WORDS + 1))).sealed(KEY)
     assert len(data) == packets.MOST_BYTES + 8
     assert judged(data) == packets.MALFORMED
     assert judged(bytes(65_507)) == packets.MALFORMED

@@ -163,15 +163,15 @@ def test_packets_of_strangers_are_counted_and_never_taken(ends: Ends) -> None:
 
 
 def test_a_packet_that_goes_on_beyond_the_memory_is_not_taken_for_its_beginning(ends: Ends) -> None:
-    wide = ends.link._replace(samples_v=np.zeros(16))
-    whole = answer(1, *range(16))
+    wide = ends.link._replace(samples_v=np.zeros(wire.MOST_WORDS))
+    whole = answer(1, *range(wire.MOST_WORDS))
     assert len(whole) == wire.MOST_BYTES
     ends.send(whole + b"x")
     assert converse_at(wide, wire.COMMAND, 1, 0.0, 0, SHORT_NS) == LOST
     assert ends.counted()["bad"] == 1
     ends.send(whole)
     assert converse_at(wide, wire.COMMAND, 1, 0.0, 0, ANSWER_NS) == OK
-    assert wide.samples_v.tolist() == list(range(16))
+    assert wide.samples_v.tolist() == list(range(wire.MOST_WORDS))
 
 
 @pytest.mark.parametrize(

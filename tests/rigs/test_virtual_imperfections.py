@@ -104,7 +104,7 @@ def test_each_imperfection_agrees_with_an_adaptive_solver(name: str) -> None:
     info, command = ideal_info(latency_samples=1, high_pass_hz=0.024), command_of(400)
     wanted, place, velocity = solved(Table(PHYSICS, specimen(), how), command, DT_S, 1)
     samples, states, middle = run_plant(plant_of(stated, info, physics), info, command)
-    accel = samples / info.channels[0].sensitivity_v_per_m_s2
+    accel = samples / info.channels[0].sensitivity_v_per_unit
     for c in range(3):
         assert peak(accel[c] - wanted[c]) < 1e-6 * peak(wanted[c]), c
         assert peak(middle[c] - velocity[c]) < 1e-6 * peak(velocity[c]), c

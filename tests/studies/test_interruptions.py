@@ -10,7 +10,7 @@ import pytest
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "study_interruptions.py"
 SEED = 5
-KINDS = ("killed worker", "Ctrl-C")
+KINDS = ("Ctrl-C",)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="forks, kills and reads /proc")

@@ -9,7 +9,7 @@ import numpy as np
 from campaigns.own_plant import Array, Plant
 from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
-from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo, Uncertainty
 
 MOST_RANGE = 0.7  # of a sensor
 SILENCE_S, FADE_S, REST_S = 2.0, 2.0, 8.0
@@ -47,9 +47,9 @@ def made_chain(
     names = ["table", *(f"floor_{floor + 2}" for floor in range(len(plant.masses_kg)))]
     g = STANDARD_GRAVITY_M_S2
     info = RigInfo(
-        "own", "virtual", dt, tuple(Channel(name, 1.0 / g, 5.0 * g, 0.0, 0.0) for name in names),
+        "own", "virtual", dt, tuple(Channel(name, 1.0 / g, 5.0 * g, 0.0, 0.0, uncertainty=0.0) for name in names),
         Converters(bits, 10.0), latency_samples, Limits(0.079, 1.0, 45.0, 445.0), 0.0079, 7.0,
-        float(plant.masses_kg.sum()),
+        float(plant.masses_kg.sum()), uncertainty=Uncertainty(0.0, 0.0, 0.0),
     )  # fmt: skip
     command, parts = excitation(info, random, level_m_s2, duration_s)
     accel = plant.simulate(command, dt, latency_samples)

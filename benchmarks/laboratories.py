@@ -88,8 +88,8 @@ def deviations(setup: Setup, found: Identification) -> dict[str, list[float]]:
     values = true_values(setup.case, setup.rig) | true_values_of_run(setup.case, setup.rig, (setup.case.seed, *RUN))
     channels, calibration = setup.rig.channels, found.calibration
     c = len(channels)
-    errors = np.array([1.0 / (2.0 * np.pi * channel.low_pass_hz) for channel in channels])
-    lags = values["channels.skew_s"] + errors * (1.0 / (1.0 + values["channels.low_pass_error"]) - 1.0)
+    lag_s = np.array([1.0 / (2.0 * np.pi * channel.low_pass_hz) for channel in channels])
+    lags = -values["channels.skew_s"] + lag_s * (1.0 / (1.0 + values["channels.low_pass_error"]) - 1.0)
     gains = values["channels.gain_error"] + values["channels.gain_change_between_runs"]
     masses = values["masses.weighing_error"]
     truth = np.concatenate([np.log1p(gains), np.log1p(values["channels.high_pass_error"]), lags, np.log1p(masses)])

@@ -109,7 +109,7 @@ def _calibration(data: Evidence, declared: Identification) -> Calibration:
     """Return the sensors and masses that the records show, from an identification with those that are declared."""
     assert declared.specimen is not None
     start = Start(declared.specimen.stiffness_n_per_m, declared.specimen.damping_ratio)
-    priors = priors_of(data.info, data.settings.sensors_removed)
+    priors = priors_of(data.info, data.settings.sensors_removed, declared.best)
     seen, low_hz = identify_specimen.motions(data, declared.best, free=False), identify_specimen.lowest_hz(data, start)
     found = calibrate(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
     first_hz = float(declared.specimen.natural_frequency_hz[0])

@@ -28,7 +28,7 @@ from rths_cli.identification.specimen_fit import (
     transform,
 )
 from rths_cli.identification.verdict import AGREE_SIGMA
-from rths_cli.numerics.lti import Array, Model
+from rths_cli.numerics.lti import Array, Model, integral_share
 
 PHASE = 3e-4  # rad; smaller phase errors between channels may be residuals of the sensor correction
 BELOW_FIRST = 0.5  # the specimen's lines begin at this fraction of the first natural frequency or lower
@@ -41,10 +41,15 @@ def without_staircase(table_accel: Array, command_v: Array, model: Model) -> Arr
 
     The command is assumed constant before the record.
     """
+    return table_accel - model.ripple_m_s2_per_v * _staircase(command_v, model)
+
+
+def _staircase(command_v: Array, model: Model) -> Array:
+    """Return the alias (n,) in V that a ripple of 1 m/s^2 per V makes of the held command."""
     late, count = max(model.latency_samples, 1), len(command_v)
     moved = np.concatenate([np.zeros(late + 1), command_v - command_v[0]])
     now, before = moved[1 : count + 1], moved[:count]
-    return table_accel - model.ripple_m_s2_per_v * (now - before) - model.ripple_sum_m_s2_per_v * (now + before)
+    return (now - before) + integral_share(model.coupling_hz, model.dt_s) * (now + before)
 
 
 def motions(data: Evidence, model: Model | None, free: bool) -> list[Motion]:
@@ -58,10 +63,11 @@ def _motion(record: Record, model: Model | None, free: bool) -> Motion | None:
     part = record.parts.free_vibration if free else record.parts.noise
     if part is None:
         return None
-    table = record.accel_m_s2[0]
-    if model is not None:
-        table = without_staircase(table, record.command_v, model)
-    return Motion(table, record.accel_m_s2[1:]).cut(part)
+    table, floors = record.accel_m_s2[0], record.accel_m_s2[1:]
+    if model is None:
+        return Motion(table, floors).cut(part)
+    staircase = _staircase(record.command_v, model)
+    return Motion(table - model.ripple_m_s2_per_v * staircase, floors, staircase).cut(part)
 
 
 def first_look(data: Evidence) -> Start:

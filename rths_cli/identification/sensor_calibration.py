@@ -9,6 +9,10 @@ normal priors, and its covariance that of the posterior (A. Tarantola, Inverse P
 
 A sensor is `gain (s + w) / (s + coupling w) exp(-late s)` times the declared one, whose AC corner is w. Residuals are
 those of the samples and not of the corrected motions, which a greater gain would make smaller.
+
+The alias of the held command in the table's samples is free as well: far below the table's resonance, where its
+response grows with the square of frequency, a greater alias and a greater AC corner of the table look the same, and the
+model of the table has taken one for the other.
 """
 
 from __future__ import annotations
@@ -32,7 +36,7 @@ from rths_cli.identification.specimen_fit import (
     stretches_of,
     transform,
 )
-from rths_cli.numerics.lti import Array, ComplexArray, Integers
+from rths_cli.numerics.lti import Array, ComplexArray, Integers, Model
 from rths_cli.rigs.description import Channel, RigInfo
 
 STEP = 1e-3  # of a prior's standard uncertainty, over which slopes by sensors and masses are taken
@@ -47,27 +51,34 @@ LEAST_SIZE = 1e-9  # of a residual, relative to the floors' motion
 @dataclass(frozen=True)
 class Priors:
     """Standard uncertainties of what is declared: gains (c,) and AC corners (c,) relative, lags (c,) in s, masses (n,)
-    relative. 0: exactly as declared."""
+    relative, and that of the table model's ripple in m/s^2 per V. 0: exactly as declared."""
 
     gain: Array
     coupling: Array
     late_s: Array
     mass: Array
+    ripple_m_s2_per_v: float = 0.0
 
     @property
     def sizes(self) -> Array:
-        """Return all of them, (3 c + n,)."""
-        return np.concatenate([self.gain, self.coupling, self.late_s, self.mass])
+        """Return all of them, (3 c + n + 1,)."""
+        return np.concatenate([self.gain, self.coupling, self.late_s, self.mass, [self.ripple_m_s2_per_v]])
 
 
-def priors_of(info: RigInfo, sensors_removed: bool) -> Priors:
-    """Return the priors of a rig as declared; corners and lags only where the step corrects them."""
+def priors_of(info: RigInfo, sensors_removed: bool, table: Model) -> Priors:
+    """Return the priors of a rig as declared; corners and lags only where the step corrects them.
+
+    That of the ripple is as large as any instant of sampling can make it: a command's change by 1 V makes the table's
+    jerk jump by the gain of a model with one pole more than zeros, and within the interval the sample is off by up to a
+    twelfth of that times the interval.
+    """
     count, declared, dynamics = len(info.channels), info.uncertainty, float(sensors_removed)
     return Priors(
         np.array([channel.uncertainty for channel in info.channels]),
         np.full(count, declared.corner * dynamics),
         np.full(count, declared.skew_s * dynamics),
         np.full(count - 1, declared.mass),
+        abs(table.gain) * info.dt_s / 12.0 * dynamics,
     )
 
 
@@ -126,13 +137,13 @@ class _Problem:
     """The fit of a chain with free sensors and masses.
 
     Parameters: logarithms of stiffnesses and damping ratios (2 n,), then what is free of gains (c,), corners (c,), lags
-    (c,) and masses (n,), each in units of its prior.
+    (c,), masses (n,) and ripple, each in units of its prior.
     """
 
     lines: tuple[Lines, ...]
     masses_kg: Array
     corners: Array  # (c,) rad/s
-    priors: Array  # (3 c + n,)
+    priors: Array  # (3 c + n + 1,)
     unit: float = 1.0  # size of a residual
 
     @property
@@ -145,20 +156,22 @@ class _Problem:
         """Return the largest change of each parameter."""
         return np.concatenate([reach_of(len(self.masses_kg)), np.full(self.free.size, FAR)])
 
-    def values(self, at: Array) -> tuple[Array, Array, Array, Array]:
-        """Return logarithms of gains and of corners (c,), lags (c,) in s and logarithms of masses (n,)."""
+    def values(self, at: Array) -> tuple[Array, Array, Array, Array, float]:
+        """Return logarithms of gains and of corners (c,), lags (c,) in s, logarithms of masses (n,), and the change of
+        the ripple in m/s^2 per V."""
         sizes, c = np.zeros(self.priors.size), len(self.corners)
         sizes[self.free] = self.priors[self.free] * at[2 * len(self.masses_kg) :]
-        return sizes[:c], sizes[c : 2 * c], sizes[2 * c : 3 * c], sizes[3 * c :]
+        return sizes[:c], sizes[c : 2 * c], sizes[2 * c : 3 * c], sizes[3 * c : -1], float(sizes[-1])
 
     def residual(self, at: Array) -> tuple[Array, Array]:
         """Return the residual (m,) of the samples and its slopes (2 n, m) by stiffnesses and damping ratios."""
-        gain, coupling, late_s, mass = self.values(at)
+        gain, coupling, late_s, mass, ripple = self.values(at)
         n = len(self.masses_kg)
         each = []
         for part in self.lines:
             sensors = _responses(part.s, self.corners, gain, coupling, late_s - late_s[0])  # a common lag is unseen
-            moved = Lines(part.s, part.table / sensors[0], part.floors / sensors[1:])
+            table = part.table if part.staircase is None else part.table - ripple * part.staircase
+            moved = Lines(part.s, table / sensors[0], part.floors / sensors[1:])
             left, slopes = evaluated([moved], self.masses_kg * np.exp(mass), at[: 2 * n])
             seen = np.vstack([left, slopes[:-1]]).view(complex).reshape(2 * n + 1, n, -1) * sensors[1:]
             each.append(np.ascontiguousarray(seen).reshape(2 * n + 1, -1).view(float))
@@ -220,8 +233,8 @@ def _scatter(
 def _described(problem: _Problem, at: Array, spread: Array) -> Calibration:
     """Return gains, corners, lags and masses with their covariance, also of those that are as declared."""
     n, total = 2 * len(problem.masses_kg), problem.priors.size
-    gain, coupling, late_s, mass = problem.values(at)
+    gain, coupling, late_s, mass, _ = problem.values(at)
     full, free = np.zeros((total, total)), problem.free
     scale = problem.priors[free]
     full[np.ix_(free, free)] = spread[n:, n:] * np.outer(scale, scale)
-    return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), full)
+    return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), full[:-1, :-1])

@@ -31,11 +31,13 @@ LOST = 1e-12  # smaller singular values of the linear terms' normal equations, r
 
 @dataclass(frozen=True)
 class Lines:
-    """Fourier lines s (m,) in rad/s of the accelerations of table (m,) and floors (n, m)."""
+    """Fourier lines s (m,) in rad/s of the accelerations of table (m,) and floors (n, m), and of the table's staircase
+    (m,) where it is known."""
 
     s: ComplexArray
     table: ComplexArray
     floors: ComplexArray
+    staircase: ComplexArray | None = None
 
 
 def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
@@ -148,14 +150,19 @@ ALIVE_SIGMA, REST_SHARE = 5.0, 8  # vibration over noise up to which it is used;
 
 @dataclass(frozen=True)
 class Motion:
-    """Accelerations in m/s^2 of table (n,), without the staircase alias, and floors (c, n) over a stretch."""
+    """Accelerations in m/s^2 of table (n,), without the staircase alias, and floors (c, n) over a stretch.
+
+    `staircase` (n,) in V: that alias per unit of the model's ripple; None: not known.
+    """
 
     table: Array
     floors: Array
+    staircase: Array | None = None
 
     def cut(self, part: slice) -> Motion:
         """Return a part of the stretch."""
-        return Motion(self.table[part], self.floors[:, part])
+        staircase = None if self.staircase is None else self.staircase[part]
+        return Motion(self.table[part], self.floors[:, part], staircase)
 
     @property
     def shows_floors(self) -> bool:
@@ -334,12 +341,14 @@ def transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> Line
     The first sample is replaced by the mean of both ends, so that the sum over samples is the trapezoidal rule.
     """
     count = _fast_length(len(motion.table) - 1)
-    signals = np.vstack([motion.table, motion.floors])[:, : count + 1]
+    known = [] if motion.staircase is None else [motion.staircase]
+    signals = np.vstack([motion.table, motion.floors, *known])[:, : count + 1]
     signals = np.hstack([0.5 * (signals[:, :1] + signals[:, -1:]), signals[:, 1:-1]])
     frequency = np.arange(count // 2 + 1) / (count * dt_s)
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
     spectra: ComplexArray = np.fft.rfft(signals)[:, inside]
-    size = float(np.linalg.norm(spectra[1:]))
+    floors = len(motion.floors)
+    size = float(np.linalg.norm(spectra[1 : 1 + floors]))
     if not size > 0.0:
         raise InputError(
             f"specimen: the floors do not move in {band_hz[0]:.3g}-{band_hz[1]:.3g} Hz for {count * dt_s:.3g} s of the "
@@ -347,7 +356,7 @@ def transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> Line
         )
     spectra /= size
     s = (2j * np.pi * frequency[inside]).astype(complex)
-    return Lines(s, spectra[0], spectra[1:])
+    return Lines(s, spectra[0], spectra[1 : 1 + floors], spectra[1 + floors] if known else None)
 
 
 @cache

@@ -85,7 +85,7 @@ def deviations(setup: Setup, found: Identification) -> dict[str, list[float]]:
     """Return what was identified less the truth, in standard uncertainties."""
     if found.calibration is None:
         return {}
-    values = true_values(setup.case, setup.rig) | true_values_of_run(setup.case, setup.rig, (setup.case.seed, *RUN))
+    values = true_values(setup.case, setup.rig) | true_values_of_run(setup.case, setup.rig, (setup.case.identification.seed, *RUN))
     channels, calibration = setup.rig.channels, found.calibration
     c = len(channels)
     lag_s = np.array([1.0 / (2.0 * np.pi * channel.low_pass_hz) for channel in channels])

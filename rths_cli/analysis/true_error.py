@@ -34,6 +34,11 @@ class TrueError:
     bound: Array  # not exceeded with 95 %
     calibration: Array  # root mean square of the part by the calibration
     loop: Array  # as predicted without regard to calibration
+    drawn: Array  # (draws, n_storeys) of the distribution
+
+    def rank(self, error: Array) -> Array:
+        """Return the probability (n_storeys,) of a smaller error than `error` (n_storeys,) in m/s^2."""
+        return np.asarray(np.mean(self.drawn < error, axis=0))
 
 
 @dataclass(frozen=True)
@@ -110,8 +115,9 @@ def true_error(known: Sensitivities, found: Calibration, loop: Array) -> TrueErr
     drawn = known.drawn(found.covariance, loop)
     parts = np.einsum("spq,pq->s", known.gram, found.covariance)
     return TrueError(
-        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), np.asarray(loop)
-    )
+        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), np.asarray(loop),
+        drawn,
+    )  # fmt: skip
 
 
 def best_remedy(known: Sensitivities, found: Calibration, loop: Array) -> Remedy | None:

@@ -71,6 +71,7 @@ class Judged:
     simulated: Simulated | None = None  # the test of a building with laws; None: linear, or the loop is unstable
     true_error: TrueError | None = None  # None: sensors and masses are exactly as declared, or the loop is unstable
     remedy: Remedy | None = None  # what would lower the bound of the true error most
+    expected_m_s2: Array | None = None  # (n_storeys,) RMS error that the sensors will show, against SIM as declared
 
 
 def preflight_of(setup: Setup, identified: Identification, design: Design) -> preflight.Preflight:
@@ -144,31 +145,46 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
         largest = 0.0
     elif whole.has_laws:  # its response does not grow with the record: only this scaling was simulated
         largest = min(largest, 0.0 if simulated is None or simulated.faults else setup.case.scaling)
-    uncertain = None if stable is None else _true_error(setup, identified, known, stable)
+    true, remedy = _true_error(setup, identified, known, stable) if stable is not None else (None, None)
     friction = identified.friction.command_v if identified.friction else 0.0
     delayed = (
         _delayed_with_laws(setup, whole, shared) if whole.has_laws else _sim_delay(setup, building, known, critical)
     )
+    expected = None if stable is None else np.hypot(stable.total.storeys, _declared_wrong(setup, whole, known, shared))
     seen = known if found.radius < 1.0 else None
     sim_rms = rms(known.lines.evaluated(known.sim))
     return Judged(
         verdict, own, looped, delayed, sim_rms, friction, largest, seen, (), tangents, simulated,
-        *(uncertain or (None, None)),
+        true, remedy, expected,
     )  # fmt: skip
 
 
 def _true_error(
     setup: Setup, identified: Identification, known: Known, prediction: Prediction
-) -> tuple[TrueError, Remedy | None] | None:
+) -> tuple[TrueError | None, Remedy | None]:
     """Return the distribution of the true error and the best remedy; None where nothing is uncertain."""
     calibration = identified.calibration
     if calibration is None:
-        return None
+        return None, None
     building = at_rest(as_identified(setup, _specimen(identified)))
     corners = np.array([channel.high_pass_hz if setup.removes_sensors else 0.0 for channel in setup.rig.channels])
     by_calibration = sensitivities(building, known.lines, known.sim, corners)
     loop = prediction.total.storeys
     return true_error(by_calibration, calibration, loop), best_remedy(by_calibration, calibration, loop)
+
+
+def _declared_wrong(setup: Setup, whole: Building, known: Known, shared: SharedValues) -> Array:
+    """Return the RMS (n_storeys,) of SIM of the building as identified less SIM of the declared one."""
+    declared, motion = setup.building, setup.motion.accel_m_s2
+    if not whole.has_laws:
+        return rms(known.lines.evaluated(known.sim - sim_lines(declared, known.lines, known.ground[0])))
+    asked, reference = (motion_key(setup.case), content_key(declared)), reference_of(declared)
+    stated = shared.get("sim as identified", asked, lambda: reference.sim(declared, setup.rig.dt_s, motion))
+    storeys = (stated.abs_accel_m_s2, _sim_with_laws(setup, whole, shared).abs_accel_m_s2, None)
+    found = run_metrics.errors(
+        "sim", None, storeys, setup.rig.dt_s, lowest_reliable_hz(setup), None, setup.case.test_band_hz
+    )
+    return np.asarray(found["sim.rms_error_m_s2"])
 
 
 def _with_laws(setup: Setup, identified: Identification, design: Design) -> Building:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.analysis.predicted_error import Known as LoopKnown
+    from rths_cli.analysis.true_error import TrueError
     from rths_cli.case.case_schema import Case
     from rths_cli.control.part_designs import OwnParts
     from rths_cli.experiment.check import Judged
@@ -49,7 +50,8 @@ class Verdict:
     figures: dict[str, ArrayLike]  # metrics `check.*` by path
     loop: LoopKnown | None = None  # inputs of the error budget; None: the loop is unstable or was not judged
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
-    true_error: str = ""  # a sentence on the true error and what would lower its bound; "" where nothing is uncertain
+    said: str = ""  # a sentence on the true error and what would lower its bound; "" where nothing is uncertain
+    true_error: TrueError | None = None  # its distribution; None: sensors and masses are exactly as declared
 
     @property
     def remarks(self) -> dict[str, str]:
@@ -136,7 +138,8 @@ def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, sha
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
     tangents = tuple(one.name for one in judged.tangents)
     said = _on_true_error(setup, judged)
-    return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged), judged.known, tangents, said)
+    reasons, figures = (*faults, *found.reasons), check_figures(judged)
+    return Verdict(verdict, reasons, design, figures, judged.known, tangents, said, judged.true_error)
 
 
 def _on_true_error(setup: Setup, judged: Judged) -> str:
@@ -214,7 +217,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     )
     told = () if "model" in setup.overrides else known.found.reasons
     notes = tuple(note for note in of_case(setup, known.found, found.design) if note not in told)
-    notes = (*((found.true_error,) if found.true_error else ()), *notes)
+    notes = (*((found.said,) if found.said else ()), *notes)
     return Checked(_about(setup, known.source), found.verdict, found.reasons, notes, figures, found.tangents)
 
 

@@ -15,7 +15,7 @@ from rths_cli.analysis import accept_limits
 from rths_cli.analysis.critical_delay import critical_delay_range
 from rths_cli.analysis.references import reference_of
 from rths_cli.case.load import resolved_yaml
-from rths_cli.experiment import residual_drift, result_contents, run_metrics, true_reference
+from rths_cli.experiment import expected_errors, residual_drift, result_contents, run_metrics, true_reference
 from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.identify_output import try_folder
@@ -115,10 +115,11 @@ def run_case(
             values |= played.values
             if truth is not None and played.true_accel is not None:
                 values |= true_reference.metrics_of(setup, truth, played.true_accel, values)
+            values |= expected_errors.metrics_of(checked.true_error, values)
             if "exp_rths.residual_drift_m" in values and not setup.declared:
                 change_m = _change_of_residual_drift(setup, sim, shared)
                 values |= residual_drift.metrics_of(setup, sim, change_m, values)
-            cautions = (*played.said, *cautions)
+            cautions = (*played.said, *expected_errors.disagreement(values), *cautions)
         cautions = (*losses_of_runs(values), *cautions)
         late = (played.late.reason,) if played.late else ()
         if cautions or late:
@@ -149,7 +150,7 @@ def worst_code(codes: Iterable[int]) -> int:
 def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tuple[str, ...]:
     """Return the warnings that a user should read before trusting the result."""
     said = of_case(setup, known.found if known else None, checked.design if checked else None)
-    said = (*((checked.true_error,) if checked and checked.true_error else ()), *said)
+    said = (*((checked.said,) if checked and checked.said else ()), *said)
     if checked is None or not checked.refused or "check" not in setup.overrides:
         return said
     overridden = f"the check of EXP-RTHS is overridden, it says {checked.verdict}: {'; '.join(checked.reasons)}"

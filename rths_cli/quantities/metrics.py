@@ -255,6 +255,12 @@ def _against_truth() -> Iterator[Quantity]:
         yield Quantity(path, "%", "storey", better, f"{what} {about}, in percent of RMS of that SIM", (), BAND)
     ratio = "error of EXP-RTHS over that of SIM-DELAY, RMS, both against the true reference (virtual rig only)"
     yield Quantity("exp_rths.true_reference_ratio", "1", "storey", LESS, ratio, (), BAND)
+    rank = (
+        "probability of a smaller error than the true one, by the distribution that the check stated (virtual rig only)"
+    )
+    yield Quantity("exp_rths.true_error_rank", "1", "storey", NONE, rank, (), BAND)
+    beyond = "measured RMS error of each storey over the one that the check expected"
+    yield Quantity("exp_rths.error_over_expected", "1", "storey", NONE, beyond, (), BAND)
 
 
 def _of_check() -> Iterator[Quantity]:
@@ -293,6 +299,11 @@ def _of_check() -> Iterator[Quantity]:
     ):
         about = f"{text}, by the uncertainty of the calibration, against SIM with the specimen as it is"
         yield Quantity(f"check.{name}_m_s2", ACCEL, "storey", NONE, about, (), BAND, scales_as=ACCEL)
+    about = (
+        "RMS error of EXP-RTHS that the sensors will show: predicted by all causes together, and SIM of the building "
+    )
+    about += "as identified less SIM as declared"
+    yield Quantity("check.expected_error_m_s2", ACCEL, "storey", NONE, about, (), BAND, scales_as=ACCEL)
     yield from _of_tangents()
     drift = "largest |inter-storey drift| of the test simulated on the identified rig (where storeys have laws)"
     yield Quantity("check.peak_inter_storey_drift_m", "m", "storey", NONE, drift, scales_as="m")

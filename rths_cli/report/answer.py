@@ -303,7 +303,7 @@ def verdict(result: Result) -> str:
     if found.ratio is not None:
         said += f" and {three(found.ratio)} of SIM-DELAY's (storey {found.ratio_storey})"
     said += f", most of it by {CAUSES.get(found.cause, found.cause)}" if found.grade != GOOD and found.cause else ""
-    said += f", {IF_DECLARED}"
+    said += _true_error(result) or f", {IF_DECLARED}"
     if true := _as_it_is(result, found.percent):
         said += f"; {true}"
     if diverged := _diverged(result):
@@ -336,6 +336,28 @@ def _overridden(result: Result) -> str:
     """Return the verdict of a check that was overridden, "" if none was."""
     checked = str(result.attributes.get("check_verdict") or "")
     return "" if checked == "safe" else checked
+
+
+def _true_error(result: Result) -> str:
+    """Return words on the distribution of the true error that the check stated, "" where it stated none."""
+    median, bound, error, percent = (
+        np.atleast_1d(np.asarray(result.metrics.get(name, ()), dtype=float))
+        for name in (
+            "check.true_error_m_s2",
+            "check.true_error_bound_m_s2",
+            "exp_rths.rms_error_m_s2",
+            "exp_rths.nrmse_percent",
+        )
+    )
+    if not (median.size and error.size and np.all(error > 0.0)):
+        return ""
+    shares = percent / error
+    worst = int(np.argmax(bound * shares))
+    return (
+        "; with sensors and masses as uncertain as stated, the true error is as likely as not below "
+        f"{three(median[worst] * shares[worst])} %, with 95 % below {three(bound[worst] * shares[worst])} % "
+        f"(storey {worst + 1})"
+    )
 
 
 def _as_it_is(result: Result, percent: float) -> str:

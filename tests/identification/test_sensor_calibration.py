@@ -9,6 +9,7 @@ from bench import rig_info
 from rths_cli.control.sensor_correction import correction, recorrected
 from rths_cli.identification.sensor_calibration import calibrate, calibrated, priors_of
 from rths_cli.identification.specimen_fit import Motion, Start
+from rths_cli.numerics.lti import Model
 from rths_cli.rigs.description import Channel, Uncertainty
 
 MASSES = np.array([6.91, 6.95])
@@ -27,6 +28,12 @@ def rig(uncertainty=DECLARED, gain=0.01):
     return replace(rig_info(), channels=channels, uncertainty=uncertainty)
 
 
+def priors(uncertainty=DECLARED):
+    return priors_of(rig(uncertainty), True, TABLE)
+
+
+METRES_PER_VOLT = 0.0079
+TABLE = Model(np.zeros(2), np.full(3, -30.0), -1.2e5, 0.0, (0.5, 12.0), -1.4, 1, 5e-4, CORNER_HZ)
 START = Start(1.02 * STIFFNESS, 1.1 * RATIOS)
 
 
@@ -43,8 +50,9 @@ def transmissibilities(s, masses, stiffness, ratios):
     return np.array([1.0 - at**2 * np.linalg.solve(at**2 * M + at * C + K, M @ ones) for at in s]).T
 
 
-def motion(gain, coupling, late_s, mass, seconds=120.0, dt_s=0.01, noise=1e-3, seed=5):
-    """Return what sensors that differ from their declaration show of a table that moves in 400 sines."""
+def motion(gain, coupling, late_s, mass, seconds=120.0, dt_s=0.01, noise=1e-3, seed=5, ripple=0.0):
+    """Return what sensors that differ from their declaration show of a table that moves in 400 sines, with an alias of
+    its command that is greater by `ripple` than what was taken off."""
     random = np.random.default_rng(seed)
     hz = np.sort(random.uniform(0.4, 16.0, 400))
     s = 2j * np.pi * hz
@@ -54,8 +62,11 @@ def motion(gain, coupling, late_s, mass, seconds=120.0, dt_s=0.01, noise=1e-3, s
     sensors = np.array(gain)[:, None] * (s + w) / (s + w * np.array(coupling)[:, None])
     shown = lines * true * sensors * np.exp(-s * np.array(late_s)[:, None])
     time = np.arange(round(seconds / dt_s)) * dt_s
-    signals = (shown @ np.exp(np.outer(s, time))).real + noise * random.standard_normal((3, len(time)))
-    return Motion(signals[0], signals[1:]), dt_s
+    basis = np.exp(np.outer(s, time))
+    signals = (shown @ basis).real + noise * random.standard_normal((3, len(time)))
+    changes = lines / (s**2 * METRES_PER_VOLT) * (1.0 - np.exp(-s * TABLE.dt_s))
+    staircase = (changes @ basis).real
+    return Motion(signals[0] + ripple * staircase, signals[1:], staircase), dt_s
 
 
 def pairs(values):
@@ -69,7 +80,7 @@ def test_ratios_are_found_within_their_uncertainty_and_the_common_scale_stays(se
     gain, coupling = np.exp(random.normal(0.0, 0.01, 3)), np.exp(random.normal(0.0, 0.1, 3))
     late_s, mass = random.normal(0.0, 25e-6, 3), np.exp(random.normal(0.0, 0.003, 2))
     seen, dt_s = motion(gain, coupling, late_s, mass)
-    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors_of(rig(), True))
+    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors())
     got = np.concatenate([np.log(found.gain), np.log(found.coupling), found.late_s, np.log(found.mass)])
     off = got - np.concatenate([np.log(gain), np.log(coupling), late_s, np.log(mass)])
     known = np.zeros((7, 11))
@@ -89,7 +100,7 @@ def test_uncertainties_cover_the_errors_of_many_records():
     over = []
     for seed in range(40):
         seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), seconds=20.0, noise=5e-3, seed=seed)
-        found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors_of(rig(), True))
+        found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors())
         for floor in (1, 2):
             pair = np.zeros(11)
             pair[0], pair[floor] = -1.0, 1.0
@@ -99,17 +110,30 @@ def test_uncertainties_cover_the_errors_of_many_records():
 
 def test_what_is_declared_as_exact_stays():
     seen, dt_s = motion(np.array([1.01, 1.0, 0.99]), np.ones(3), np.zeros(3), np.ones(2), seconds=40.0)
-    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors_of(rig(Uncertainty(0.0, 0.0, 0.0)), True))
+    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors(Uncertainty(0.0, 0.0, 0.0)))
     assert np.all(found.coupling == 1.0) and np.all(found.late_s == 0.0) and np.all(found.mass == 1.0)
     assert found.gain[1] / found.gain[0] == pytest.approx(1.0 / 1.01, abs=3e-4)
     assert not found.covariance[3:].any()
-    kept = priors_of(rig(), sensors_removed=False)
+    kept = priors_of(rig(), False, TABLE)
     assert not kept.coupling.any() and not kept.late_s.any() and kept.gain.all()
+
+
+def test_a_corner_of_the_table_and_an_alias_that_look_the_same_are_both_left_open():
+    """The model of the table takes a greater AC corner for a smaller alias; the corner's uncertainty has to say so."""
+    coupling = np.array([1.15, 1.0, 1.0])
+    alias = 0.15 * 2.0 * np.pi * CORNER_HZ * METRES_PER_VOLT / TABLE.dt_s  # that hides it, far below resonance
+    seen, dt_s = motion(np.ones(3), coupling, np.zeros(3), np.ones(2), seconds=60.0, ripple=alias)
+    pair = np.zeros(11)
+    pair[3], pair[4] = 1.0, -1.0
+    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors())
+    assert abs(np.log(found.coupling[0] / found.coupling[1]) - np.log(1.15)) < 2.0 * found.error_of(pair)
+    known = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, replace(priors(), ripple_m_s2_per_v=0.0))
+    assert abs(np.log(known.coupling[0] / known.coupling[1]) - np.log(1.15)) > 10.0 * known.error_of(pair)
 
 
 def test_a_common_gain_alone_changes_nothing():
     seen, dt_s = motion(np.full(3, 1.02), np.ones(3), np.zeros(3), np.ones(2), seconds=40.0)
-    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors_of(rig(), True))
+    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors())
     assert found.gain == pytest.approx(np.ones(3), abs=5e-4)
 
 

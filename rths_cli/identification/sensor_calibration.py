@@ -45,6 +45,8 @@ ROUNDS = 4  # fits, each with the size of the residual that the one before left
 SETTLED = 0.01  # relative change of that size at which the rounds end
 TOLERANCE = 1e-8
 SHOWN = 10.0  # information of a stretch, in units of the prior's, from which it shows a parameter better
+# standard uncertainties of damping and stiffness that couple two modes of the chain, over the root of their own
+COUPLED_DAMPING, COUPLED_STIFFNESS = 0.3, 0.01
 LEAST_SIZE = 1e-9  # of a residual, relative to the floors' motion
 
 
@@ -61,8 +63,10 @@ class Priors:
 
     @property
     def sizes(self) -> Array:
-        """Return all of them, (3 c + n + 1,)."""
-        return np.concatenate([self.gain, self.coupling, self.late_s, self.mass, [self.ripple_m_s2_per_v]])
+        """Return all of them and those of the couplings of modes (2 k,), (3 c + n + 1 + 2 k,)."""
+        pairs = len(self.mass) * (len(self.mass) - 1) // 2
+        couplings = np.repeat([COUPLED_DAMPING, COUPLED_STIFFNESS], pairs)
+        return np.concatenate([self.gain, self.coupling, self.late_s, self.mass, [self.ripple_m_s2_per_v], couplings])
 
 
 def priors_of(info: RigInfo, sensors_removed: bool, table: Model) -> Priors:
@@ -137,13 +141,13 @@ class _Problem:
     """The fit of a chain with free sensors and masses.
 
     Parameters: logarithms of stiffnesses and damping ratios (2 n,), then what is free of gains (c,), corners (c,), lags
-    (c,), masses (n,) and ripple, each in units of its prior.
+    (c,), masses (n,), ripple and couplings of modes (2 k,), each in units of its prior.
     """
 
     lines: tuple[Lines, ...]
     masses_kg: Array
     corners: Array  # (c,) rad/s
-    priors: Array  # (3 c + n + 1,)
+    priors: Array  # (3 c + n + 1 + 2 k,)
     unit: float = 1.0  # size of a residual
 
     @property
@@ -156,22 +160,33 @@ class _Problem:
         """Return the largest change of each parameter."""
         return np.concatenate([reach_of(len(self.masses_kg)), np.full(self.free.size, FAR)])
 
-    def values(self, at: Array) -> tuple[Array, Array, Array, Array, float]:
-        """Return logarithms of gains and of corners (c,), lags (c,) in s, logarithms of masses (n,), and the change of
-        the ripple in m/s^2 per V."""
+    def values(self, at: Array) -> tuple[Array, Array, Array, Array, float, Array]:
+        """Return logarithms of gains and of corners (c,), lags (c,) in s, logarithms of masses (n,), the change of the
+        ripple in m/s^2 per V and couplings of modes (2 k,)."""
         sizes, c = np.zeros(self.priors.size), len(self.corners)
         sizes[self.free] = self.priors[self.free] * at[2 * len(self.masses_kg) :]
-        return sizes[:c], sizes[c : 2 * c], sizes[2 * c : 3 * c], sizes[3 * c : -1], float(sizes[-1])
+        ends = 3 * c + len(self.masses_kg)
+        return (
+            sizes[:c],
+            sizes[c : 2 * c],
+            sizes[2 * c : 3 * c],
+            sizes[3 * c : ends],
+            float(sizes[ends]),
+            sizes[ends + 1 :],
+        )
 
     def residual(self, at: Array) -> tuple[Array, Array]:
         """Return the residual (m,) of the samples and its slopes (2 n, m) by stiffnesses and damping ratios."""
-        gain, coupling, late_s, mass, ripple = self.values(at)
+        gain, coupling, late_s, mass, ripple, coupled = self.values(at)
         n = len(self.masses_kg)
         each = []
         for part in self.lines:
             sensors = _responses(part.s, self.corners, gain, coupling, late_s - late_s[0])  # a common lag is unseen
             table = part.table if part.staircase is None else part.table - ripple * part.staircase
             moved = Lines(part.s, table / sensors[0], part.floors / sensors[1:])
+            if coupled.any():
+                further = _by_coupled_modes(moved, self.masses_kg * np.exp(mass), at[: 2 * n], coupled)
+                moved = replace(moved, floors=moved.floors - further)
             left, slopes = evaluated([moved], self.masses_kg * np.exp(mass), at[: 2 * n])
             seen = np.vstack([left, slopes[:-1]]).view(complex).reshape(2 * n + 1, n, -1) * sensors[1:]
             each.append(np.ascontiguousarray(seen).reshape(2 * n + 1, -1).view(float))
@@ -195,6 +210,30 @@ class _Problem:
         of_priors = np.hstack([np.zeros((free, n)), np.eye(free)]).T
         rows = np.vstack([slopes, np.array(moved).reshape(free, -1)]) / self.unit
         return np.concatenate([left / self.unit, at[n:]]), np.hstack([rows, of_priors])
+
+
+def _by_coupled_modes(lines: Lines, masses_kg: Array, theta: Array, coupled: Array) -> ComplexArray:
+    """Return what damping and stiffness that couple modes add to the floors' lines (n, m), to first order.
+
+    `coupled` (2 k,): damping, then stiffness, of each pair of modes over the root of the product of their own. Friction
+    in joints and guides does not respect modes: what it adds lags, and would be taken for the lag of a sensor. A base
+    that pitches, and hysteresis, bend the shapes: that would be taken for another ratio of masses.
+    """
+    stiffness, ratios = np.split(np.exp(theta), 2)
+    omega, shapes = modal(masses_kg, stiffness)
+    n, s, own = len(omega), lines.s, (2.0 * ratios * omega)[:, None]
+    under = 1.0 / (s**2 + own * s + (omega**2)[:, None])
+    moved = -(masses_kg @ shapes)[:, None] * under * lines.table  # modal displacements relative to the table
+    damping, rigidity = (_symmetric(each, n) for each in np.split(coupled, 2))
+    forces = s * ((damping * np.sqrt(own * own.T)) @ moved) + (rigidity * np.outer(omega, omega)) @ moved
+    return np.asarray(-shapes @ (s**2 * under * forces))
+
+
+def _symmetric(above: Array, n: int) -> Array:
+    """Return the symmetric matrix (n, n) with these entries above its diagonal of zeros."""
+    matrix = np.zeros((n, n))
+    matrix[np.triu_indices(n, 1)] = above
+    return matrix + matrix.T
 
 
 def _responses(s: ComplexArray, corners: Array, gain: Array, coupling: Array, late_s: Array) -> ComplexArray:
@@ -233,8 +272,8 @@ def _scatter(
 def _described(problem: _Problem, at: Array, spread: Array) -> Calibration:
     """Return gains, corners, lags and masses with their covariance, also of those that are as declared."""
     n, total = 2 * len(problem.masses_kg), problem.priors.size
-    gain, coupling, late_s, mass, _ = problem.values(at)
-    full, free = np.zeros((total, total)), problem.free
+    gain, coupling, late_s, mass, *_ = problem.values(at)
+    full, free, shown = np.zeros((total, total)), problem.free, 3 * len(problem.corners) + len(problem.masses_kg)
     scale = problem.priors[free]
     full[np.ix_(free, free)] = spread[n:, n:] * np.outer(scale, scale)
-    return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), full[:-1, :-1])
+    return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), full[:shown, :shown])

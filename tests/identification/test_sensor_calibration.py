@@ -37,8 +37,12 @@ TABLE = Model(np.zeros(2), np.full(3, -30.0), -1.2e5, 0.0, (0.5, 12.0), -1.4, 1,
 START = Start(1.02 * STIFFNESS, 1.1 * RATIOS)
 
 
-def transmissibilities(s, masses, stiffness, ratios):
-    """Return the floors' absolute accelerations per table acceleration (n, m), from the equations of motion."""
+def transmissibilities(s, masses, stiffness, ratios, dashpots=(0.0, 0.0), rocking=0.0):
+    """Return the floors' absolute accelerations per table acceleration (n, m), from the equations of motion.
+
+    `dashpots` in N s/m of the storeys act beside the modal damping, `rocking` in m/N is the top floor's displacement by
+    the base's rotation under 1 N on it; the lower floor is half as high.
+    """
     K = np.array([[stiffness[0] + stiffness[1], -stiffness[1]], [-stiffness[1], stiffness[1]]])
     M = np.diag(masses)
     squares, vectors = np.linalg.eig(np.linalg.solve(M, K))
@@ -46,18 +50,20 @@ def transmissibilities(s, masses, stiffness, ratios):
     order = np.argsort(squares)
     omega, shapes = np.sqrt(squares[order]), vectors[:, order]
     C = M @ shapes @ np.diag(2.0 * ratios * omega) @ shapes.T @ M
+    C = C + np.array([[sum(dashpots), -dashpots[1]], [-dashpots[1], dashpots[1]]])
+    K = np.linalg.inv(np.linalg.inv(K) + rocking * np.outer([0.5, 1.0], [0.5, 1.0]))
     ones = np.ones(2)
     return np.array([1.0 - at**2 * np.linalg.solve(at**2 * M + at * C + K, M @ ones) for at in s]).T
 
 
-def motion(gain, coupling, late_s, mass, seconds=120.0, dt_s=0.01, noise=1e-3, seed=5, ripple=0.0):
+def motion(gain, coupling, late_s, mass, seconds=120.0, dt_s=0.01, noise=1e-3, seed=5, ripple=0.0, **specimen):
     """Return what sensors that differ from their declaration show of a table that moves in 400 sines, with an alias of
     its command that is greater by `ripple` than what was taken off."""
     random = np.random.default_rng(seed)
     hz = np.sort(random.uniform(0.4, 16.0, 400))
     s = 2j * np.pi * hz
     lines = random.uniform(0.5, 1.0, 400) * np.exp(2j * np.pi * random.random(400)) / 10.0
-    true = np.vstack([np.ones_like(s), transmissibilities(s, MASSES * mass, STIFFNESS, RATIOS)])
+    true = np.vstack([np.ones_like(s), transmissibilities(s, MASSES * mass, STIFFNESS, RATIOS, **specimen)])
     w = 2.0 * np.pi * CORNER_HZ
     sensors = np.array(gain)[:, None] * (s + w) / (s + w * np.array(coupling)[:, None])
     shown = lines * true * sensors * np.exp(-s * np.array(late_s)[:, None])
@@ -88,7 +94,7 @@ def test_ratios_are_found_within_their_uncertainty_and_the_common_scale_stays(se
         known[row, place], known[row, other] = 1.0, -1.0
     errors = np.array([found.error_of(row) for row in known])
     assert np.all(np.abs(known @ off) < 4.0 * errors)
-    assert np.all(errors[:2] < 5e-4) and np.all(errors[4:6] < 2e-6) and errors[6] < 3e-4
+    assert np.all(errors[:2] < 5e-4) and np.all(errors[4:6] < 3e-6) and errors[6] < 3e-4
     assert np.log(found.gain).mean() == pytest.approx(0.0, abs=1e-4)  # nothing is known of what all sensors share
     assert np.log(found.mass).mean() == pytest.approx(0.0, abs=1e-4)
     assert found.error_of(np.repeat([1.0 / 3.0, 0.0], [3, 8])) == pytest.approx(0.01 / np.sqrt(3.0), rel=0.01)
@@ -129,6 +135,16 @@ def test_a_corner_of_the_table_and_an_alias_that_look_the_same_are_both_left_ope
     assert abs(np.log(found.coupling[0] / found.coupling[1]) - np.log(1.15)) < 2.0 * found.error_of(pair)
     known = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, replace(priors(), ripple_m_s2_per_v=0.0))
     assert abs(np.log(known.coupling[0] / known.coupling[1]) - np.log(1.15)) > 10.0 * known.error_of(pair)
+
+
+@pytest.mark.parametrize("specimen", [{"dashpots": (0.0, 3.0)}, {"dashpots": (5.0, 0.0)}, {"rocking": 2e-6}])
+def test_a_specimen_that_is_no_chain_with_modal_damping_shows_no_false_sensors(specimen):
+    """A damper in one storey looks like a sensor that lags, a rocking base like other masses, where modes are alone."""
+    seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), **specimen)
+    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors())
+    assert np.abs(pairs(np.log(found.gain))).max() < 5e-4
+    assert np.abs(pairs(found.late_s)).max() < 8e-6
+    assert abs(np.log(found.mass[1] / found.mass[0])) < 1e-3
 
 
 def test_a_common_gain_alone_changes_nothing():

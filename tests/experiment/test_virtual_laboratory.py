@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ from rths_cli.rigs.from_case import (
     true_building,
     true_values,
     true_values_of_run,
+    virtual_driver,
 )
 from rths_cli.rigs.virtual.imperfect.plant import ImperfectPlant
 from rths_cli.structure.storey_laws import BILINEAR, SOFTENING
@@ -95,3 +98,31 @@ def test_a_laboratory_can_be_served() -> None:
     gains = true_values(setup_of(LABORATORY, "seed=5").case, served.setup.rig)["channels.gain_error"]
     assert np.abs(table.plant.sensing.gain - 1.0 - gains).max() < 0.005  # but for the drift between runs
     assert table.noise.shape[1] == 8
+
+
+BESIDE = """[{kind: displacement, position: table, unit: mm, sensitivity_v_per_unit: 0.1, range: 95, use: guard},
+  {kind: force, position: table, unit: N, sensitivity_v_per_unit: 0.02, range: 450, use: log,
+   sensitivity_uncertainty: 0.003}]"""
+
+
+def test_further_channels_have_values_of_their_own() -> None:
+    """A list has an entry for each of them, too; drawn gains have the uncertainty that their channel declares."""
+    table = f"table={{extends: aps400_laboratory, channels: {BESIDE}}}"
+    gains = "[0.01, 0.0, -0.01, 0.02, 0.005]"
+    listed = setup_of(table, f"table.imperfections.channels.gain_error={gains}", "seed=3")
+    values = true_values(listed.case, listed.rig)
+    assert values["channels.gain_error"].tolist() == [0.01, 0.0, -0.01, 0.02, 0.005]
+    rig = virtual_driver(listed.case, listed.rig, listed.building, (3, 1), True)
+    assert isinstance(rig.plant, ImperfectPlant)
+    change = true_values_of_run(listed.case, listed.rig, (3, 1))["channels.gain_change_between_runs"]
+    assert np.array_equal(rig.plant.sensing.gain, 1.0 + values["channels.gain_error"] + change)
+    with pytest.raises(InputError, match=r"channels.gain_error: 3 entries for 5 channels"):
+        setup_of(table, "table.imperfections.channels.gain_error=[0.01, 0.0, 0.0]")
+    first, alone, drawn = setup_of(table).case, [], []
+    for seed in range(300):
+        case = first.model_copy(update={"seed": seed})
+        drawn.append(true_values(case, listed.rig)["channels.gain_error"])
+        alone.append(true_values(case, replace(listed.rig, further=()))["channels.gain_error"])
+    assert np.array_equal(np.array(drawn)[:, :3], alone)
+    spread = np.array([0.01, 0.01, 0.01, 0.01, 0.003])
+    assert np.abs(np.std(drawn, axis=0) / spread - 1.0).max() < 4.0 / np.sqrt(600)

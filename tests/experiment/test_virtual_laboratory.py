@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
+from rths_cli.case.virtual_imperfections_schema import VirtualImperfections
 from rths_cli.errors import InputError
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import differences, identity, key
+from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.serve_command import describe, make_table
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.rigs.from_case import (
@@ -98,6 +104,43 @@ def test_a_laboratory_can_be_served() -> None:
     gains = true_values(setup_of(LABORATORY, "seed=5").case, served.setup.rig)["channels.gain_error"]
     assert np.abs(table.plant.sensing.gain - 1.0 - gains).max() < 0.005  # but for the drift between runs
     assert table.noise.shape[1] == 8
+
+
+def test_a_laboratory_with_all_imperfections_at_zero_has_the_bytes_of_the_exact_one(tmp_path: Path) -> None:
+    """What only shapes an imperfection is stated all the same, the number of the laboratory too."""
+    time_s = np.arange(0.0, 6.0, 0.01)
+    columns = np.column_stack([time_s, np.sin(9.0 * time_s) * np.exp(-(((time_s - 1.5) / 0.5) ** 2))])
+    np.savetxt(tmp_path / "pulse.csv", columns, delimiter=",", header="time_s,accel_m_s2", comments="")
+    written: dict[str, dict[str, float]] = {}
+    for part, one in VirtualImperfections().parts():
+        shaping = {
+            name: 0.9 * getattr(one, name)
+            for name in type(one).model_fields
+            if name not in one.switches() and isinstance(getattr(one, name), float)
+        }
+        written[part] = {**dict.fromkeys(one.switches(), 0.0), **shaping}
+    stated = f"{{extends: aps400_virtual, imperfections: {json.dumps({'laboratory': 3, **written})}}}"
+    case = (f"record={tmp_path / 'pulse.csv'}", "identification.duration_s=40", "runs=[sim, exp_rths]")
+    found = []
+    for number, table in enumerate(("aps400_virtual", stated)):
+        setup = make_setup(load_cases(["el_centro_low_ff_fb"], (*case, f"table={table}"))[0], ("check", "model"))
+        path = tmp_path / f"{number}.h5"
+        assert run_case(setup, path, Memory(), "test", lambda _: None).status == "complete"
+        found.append(contents(path))
+    assert found[0] == found[1] and "exp_rths/truth/table_disp_m" in found[0]
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    """Return the bytes of the datasets of a result, but for what was measured of the run and the case as written."""
+    read: dict[str, bytes] = {}
+
+    def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset) and "timing" not in name and not name.startswith("case"):
+            read[name] = np.asarray(node[()]).tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(collect)
+    return read
 
 
 BESIDE = """[{kind: displacement, position: table, unit: mm, sensitivity_v_per_unit: 0.1, range: 95, use: guard},

@@ -155,6 +155,7 @@ def test_further_channels_have_values_of_their_own() -> None:
     listed = setup_of(table, f"table.imperfections.channels.gain_error={gains}", "seed=3")
     values = true_values(listed.case, listed.rig)
     assert values["channels.gain_error"].tolist() == [0.01, 0.0, -0.01, 0.02, 0.005]
+    assert true_building(listed.case, listed.building) is not None
     rig = virtual_driver(listed.case, listed.rig, listed.building, (3, 1), True)
     assert isinstance(rig.plant, ImperfectPlant)
     change = true_values_of_run(listed.case, listed.rig, (3, 1))["channels.gain_change_between_runs"]

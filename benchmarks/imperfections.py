@@ -105,7 +105,11 @@ class Found:
     def cells(self, bound: bool) -> list[str]:
         """Return the cells of a table's row."""
         values = [self.predicted, *([self.bound] if bound else []), self.measured, self.declared, self.as_it_is]
-        return [*(f"{value:.4f}" if value < 0.1 else f"{value:.3f}" for value in values), self.verdict]
+        return [*map(_text, values), self.verdict]
+
+
+def _text(value: float) -> str:
+    return "" if np.isnan(value) else f"{value:.4f}" if value < 0.1 else f"{value:.3f}"
 
 
 def found(case: str, settings: Sequence[str], shared: SharedValues) -> Found:
@@ -118,9 +122,11 @@ def found(case: str, settings: Sequence[str], shared: SharedValues) -> Found:
             ended = run_case(setup, path, Memory(), "imperfections.py", lambda _: None, shared, series="none")
             result = read_result(path)
     except RthsError as error:
-        return Found(verdict=str(error))
+        print(error, file=sys.stderr)
+        return Found(verdict="refused")
     if ended.status != "complete":
-        return Found(verdict=ended.reason)
+        print(ended.reason, file=sys.stderr)
+        return Found(verdict=ended.status)
     late = np.asarray(result.metrics["sim_delay.rms_error_m_s2"])
     worst = {path: float(np.max(np.asarray(value) / late)) for path, value in result.metrics.items() if path in WORST}
     return Found(

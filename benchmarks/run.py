@@ -1,6 +1,6 @@
 """Print how long the step, its rivals, SIM and whole commands take on this machine: make bench.
 
-python benchmarks/run.py [step] [rivals] [sim] [commands] [growth] [sweep] [laws]
+python benchmarks/run.py [step] [rivals] [sim] [commands] [growth] [sweep] [channels] [laws]
 """
 
 from __future__ import annotations

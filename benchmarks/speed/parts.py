@@ -10,6 +10,7 @@ from campaigns import step_run
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import Setup
+from speed.channels import channels_rows
 from speed.commands import command_rows
 from speed.growth import growth_rows
 from speed.laws import laws_rows
@@ -34,6 +35,7 @@ PARTS: dict[str, Callable[[], list[Row]]] = {
     "commands": command_rows,
     "growth": lambda: growth_rows(*paper_case()),
     "sweep": sweep_rows,
+    "channels": lambda: channels_rows(paper_case()[1]),
     "laws": lambda: laws_rows(*paper_case()),
 }
 

@@ -49,7 +49,7 @@ def write_laboratory(writer: ResultWriter, setup: Setup) -> None:
     if values:
         numerical, floors = len(setup.building.numerical.masses_kg), len(setup.floor_masses_kg)
         scales: dict[str, ArrayLike] = {
-            "channel": np.arange(1, 1 + len(setup.rig.channels)),
+            "channel": np.arange(1, 1 + len(setup.rig.all_channels)),
             "floor": np.arange(numerical + 1, numerical + 1 + floors),
         }
         number = laboratory_number(setup.case)
@@ -126,7 +126,7 @@ def write_table_run(
             **hidden,
         }
         if hidden:
-            scales["channel"] = np.arange(1, 1 + len(setup.rig.channels))
+            scales["channel"] = np.arange(1, 1 + len(setup.rig.all_channels))
         writer.group(f"{run}/truth", truth, time, storey, scales)
 
 

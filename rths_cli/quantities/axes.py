@@ -12,7 +12,12 @@ AXES: dict[str, Axis] = {
         Axis("frequency_hz", "Hz", "frequency"),
         Axis("storey", "1", "storey, counted from 1 at the ground", counted=True),
         Axis("floor", "1", "experimental storey, counted as in the building; in a model file from 1 at the table"),
-        Axis("channel", "1", "channel: 1 the table, then the experimental floors from the lowest", counted=True),
+        Axis(
+            "channel",
+            "1",
+            "channel: 1 the table, then the experimental floors from the lowest, then further channels",
+            counted=True,
+        ),
         Axis("further_channel", "1", "channel beside the accelerometers, counted from 1", counted=True),
         Axis("tangent", "1", "verdict of the check: 1 at rest, then the tangents of laws", counted=True),
         Axis("mode", "1", "mode, counted from 1", counted=True),

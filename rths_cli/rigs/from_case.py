@@ -246,17 +246,16 @@ def true_values_of_run(case: Case, info: RigInfo, seed: Sequence[int]) -> dict[s
     from rths_cli.rigs.virtual.laboratory import of_run
 
     laboratory = _laboratory(case, info)
-    return {} if laboratory is None else of_run(laboratory, tuple(seed), len(info.channels))
+    return {} if laboratory is None else of_run(laboratory, tuple(seed), len(info.all_channels))
 
 
 def _laboratory(case: Case, info: RigInfo) -> Laboratory | None:
-    number = laboratory_number(case)
-    if number is None:
+    if laboratory_number(case) is None:
         return None
-    from rths_cli.rigs.virtual.laboratory import laboratory_of
+    from rths_cli.rigs.virtual.virtual_rig import true_laboratory
 
     floors = len(case.structure.experimental.masses_kg)
-    return laboratory_of(simulated(case).imperfections, number, len(info.channels), floors)
+    return true_laboratory(simulated(case), case.seed, floors, [one.uncertainty for one in info.further])
 
 
 def simulated(case: Case) -> VirtualRigSpec:

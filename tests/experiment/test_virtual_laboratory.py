@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
 import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
+from rths_cli.case.virtual_imperfections_schema import VirtualImperfections
 from rths_cli.errors import InputError
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import differences, identity, key
+from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.serve_command import describe, make_table
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.rigs.from_case import (
@@ -16,6 +24,7 @@ from rths_cli.rigs.from_case import (
     true_building,
     true_values,
     true_values_of_run,
+    virtual_driver,
 )
 from rths_cli.rigs.virtual.imperfect.plant import ImperfectPlant
 from rths_cli.structure.storey_laws import BILINEAR, SOFTENING
@@ -95,3 +104,69 @@ def test_a_laboratory_can_be_served() -> None:
     gains = true_values(setup_of(LABORATORY, "seed=5").case, served.setup.rig)["channels.gain_error"]
     assert np.abs(table.plant.sensing.gain - 1.0 - gains).max() < 0.005  # but for the drift between runs
     assert table.noise.shape[1] == 8
+
+
+def test_a_laboratory_with_all_imperfections_at_zero_has_the_bytes_of_the_exact_one(tmp_path: Path) -> None:
+    """What only shapes an imperfection is stated all the same, the number of the laboratory too."""
+    time_s = np.arange(0.0, 6.0, 0.01)
+    columns = np.column_stack([time_s, np.sin(9.0 * time_s) * np.exp(-(((time_s - 1.5) / 0.5) ** 2))])
+    np.savetxt(tmp_path / "pulse.csv", columns, delimiter=",", header="time_s,accel_m_s2", comments="")
+    written: dict[str, dict[str, float]] = {}
+    for part, one in VirtualImperfections().parts():
+        shaping = {
+            name: 0.9 * getattr(one, name)
+            for name in type(one).model_fields
+            if name not in one.switches() and isinstance(getattr(one, name), float)
+        }
+        written[part] = {**dict.fromkeys(one.switches(), 0.0), **shaping}
+    stated = f"{{extends: aps400_virtual, imperfections: {json.dumps({'laboratory': 3, **written})}}}"
+    case = (f"record={tmp_path / 'pulse.csv'}", "identification.duration_s=40", "runs=[sim, exp_rths]")
+    found = []
+    for number, table in enumerate(("aps400_virtual", stated)):
+        setup = make_setup(load_cases(["el_centro_low_ff_fb"], (*case, f"table={table}"))[0], ("check", "model"))
+        path = tmp_path / f"{number}.h5"
+        assert run_case(setup, path, Memory(), "test", lambda _: None).status == "complete"
+        found.append(contents(path))
+    assert found[0] == found[1] and "exp_rths/truth/table_disp_m" in found[0]
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    """Return the bytes of the datasets of a result, but for what was measured of the run and the case as written."""
+    read: dict[str, bytes] = {}
+
+    def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset) and "timing" not in name and not name.startswith("case"):
+            read[name] = np.asarray(node[()]).tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(collect)
+    return read
+
+
+BESIDE = """[{kind: displacement, position: table, unit: mm, sensitivity_v_per_unit: 0.1, range: 95, use: guard},
+  {kind: force, position: table, unit: N, sensitivity_v_per_unit: 0.02, range: 450, use: log,
+   sensitivity_uncertainty: 0.003}]"""
+
+
+def test_further_channels_have_values_of_their_own() -> None:
+    """A list has an entry for each of them, too; drawn gains have the uncertainty that their channel declares."""
+    table = f"table={{extends: aps400_laboratory, channels: {BESIDE}}}"
+    gains = "[0.01, 0.0, -0.01, 0.02, 0.005]"
+    listed = setup_of(table, f"table.imperfections.channels.gain_error={gains}", "seed=3")
+    values = true_values(listed.case, listed.rig)
+    assert values["channels.gain_error"].tolist() == [0.01, 0.0, -0.01, 0.02, 0.005]
+    assert true_building(listed.case, listed.building) is not None
+    rig = virtual_driver(listed.case, listed.rig, listed.building, (3, 1), True)
+    assert isinstance(rig.plant, ImperfectPlant)
+    change = true_values_of_run(listed.case, listed.rig, (3, 1))["channels.gain_change_between_runs"]
+    assert np.array_equal(rig.plant.sensing.gain, 1.0 + values["channels.gain_error"] + change)
+    with pytest.raises(InputError, match=r"channels.gain_error: 3 entries for 5 channels"):
+        setup_of(table, "table.imperfections.channels.gain_error=[0.01, 0.0, 0.0]")
+    first, alone, drawn = setup_of(table).case, [], []
+    for seed in range(300):
+        case = first.model_copy(update={"seed": seed})
+        drawn.append(true_values(case, listed.rig)["channels.gain_error"])
+        alone.append(true_values(case, replace(listed.rig, further=()))["channels.gain_error"])
+    assert np.array_equal(np.array(drawn)[:, :3], alone)
+    spread = np.array([0.01, 0.01, 0.01, 0.01, 0.003])
+    assert np.abs(np.std(drawn, axis=0) / spread - 1.0).max() < 4.0 / np.sqrt(600)

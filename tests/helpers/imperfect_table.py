@@ -31,25 +31,30 @@ class Imperfect:
     deck_hz: float = 0.0
     deck_ratio: float = 0.02
     crossover_n: float = 0.0
-    distortion: float = 0.0  # at 3 V
+    distortion: float = 0.0
+    distortion_at_v: float = 3.0
     gain_drift_per_s: float = 0.0
     presliding_m: float = 0.0
     bristle_n_s_per_m: float = 0.0
     excess: float = 0.0
     stribeck_m_s: float = 0.005
     suspension: tuple[float, float] = (0.0, 0.0)
-    drop: float = 0.0  # at 79 mm
+    drop: float = 0.0
+    drop_at_m: float = 0.079
     pitch_hz: float = 0.0
     pitch_ratio: float = 0.03
     inertia_kg_m2: float = 3.0
-    storey_m: float = 0.2
+    storey_m: float | Sequence[float] = 0.2
     transverse: Sequence[float] = (0.0, 0.0, 0.0)
     arm_m: float = 0.1
     lateral: float = 0.0
+    gain: Sequence[float] = (1.0, 1.0, 1.0)
+    offset_m_s2: Sequence[float] = (0.0, 0.0, 0.0)
     command_skew_s: float = 0.0
     skew_s: Sequence[float] = (0.0, 0.0, 0.0)
     low_pass_hz: Sequence[float] = (1549.0, 1549.0, 1549.0)
     high_pass_hz: Sequence[float] = (0.024, 0.024, 0.024)
+    heavier: Sequence[float] = (0.0, 0.0)
     laws: Sequence[tuple[int, Mapping[str, Any]]] = field(default=())
 
 
@@ -58,8 +63,9 @@ class Table:
 
     def __init__(self, physics: VirtualPhysics, parts: Specimen, how: Imperfect) -> None:
         n = len(parts.masses_kg)
+        parts = Specimen(parts.masses_kg * (1.0 + np.asarray(how.heavier)), parts.K, parts.C)
         self.physics, self.how, self.n = physics, how, n
-        g, heights = STANDARD_GRAVITY_M_S2, how.storey_m * np.arange(1, n + 1)
+        g, heights = STANDARD_GRAVITY_M_S2, np.tri(n) @ np.broadcast_to(how.storey_m, n)
         coil = how.coil_kg if how.deck_hz > 0.0 else 0.5 * physics.moving_mass_kg
         deck = physics.moving_mass_kg - coil
         masses = np.concatenate([[coil, deck], parts.masses_kg, [how.inertia_kg_m2]])
@@ -125,7 +131,7 @@ class Table:
         place, velocity, _ = self.motion(y, np.zeros(d))
         force, bristle = y[2 * d], y[2 * d + 1]
         push = -self.springs @ place - self.dashpots @ velocity
-        push[0] += force * (1.0 - how.drop * (place[0] / 0.079) ** 2)
+        push[0] += force * (1.0 - how.drop * (place[0] / how.drop_at_m) ** 2)
         push[1] -= how.suspension[1] * place[1] ** 3
         level = p.coulomb_n * (1.0 + how.excess * np.exp(-((velocity[1] / how.stribeck_m_s) ** 2)))
         if how.presliding_m > 0.0:
@@ -141,7 +147,7 @@ class Table:
             if law.states:
                 made[mine] = law.rates(u, v, y[mine].tolist())
         accel = self.inverse @ (self.keep.T @ push)
-        heard = command_v + how.distortion * command_v**3 / 9.0
+        heard = command_v + how.distortion * command_v**3 / how.distortion_at_v**2
         wanted = self.loop[0] * (p.gain_m_per_v * heard * (1.0 + how.gain_drift_per_s * t) - place[0])
         wanted -= self.loop[1] * velocity[0]
         if how.crossover_n > 0.0:
@@ -158,7 +164,7 @@ class Table:
         passed = np.where(np.asarray(how.low_pass_hz) > 0.0, low, sensed)
         made[2 * d + 2 : 2 * d + 5] = 2.0 * np.pi * np.asarray(how.low_pass_hz) * (sensed - low)
         made[2 * d + 5 : 2 * d + 8] = 2.0 * np.pi * np.asarray(how.high_pass_hz) * (passed - high)
-        return made, passed - high, true
+        return made, np.asarray(how.gain) * (passed - high) + how.offset_m_s2, true
 
     def ends(self, y: Array, which: int) -> tuple[float, ...]:
         """Return what falls below zero where the branch of a law ends."""

@@ -10,12 +10,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import yaml
 from bench import rig_info, specimen
 from hybrid import best_like, ground, open_limits
+from scipy.signal import butter, sosfiltfilt
 
+import rths_cli
 from rths_cli.case import plugin_rig_names
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.errors import InputError, RigError
@@ -128,6 +131,16 @@ class _NotASetup:
     rig = INFO
 
 
+TABLE = {
+    "kind": "simulated",
+    "unattended": True,
+    "sensors": {"sensitivity_mv_per_g": 1000, "range_g": 5, "high_pass_hz": 0.024, "low_pass_hz": 1549},
+    "converters": {"bits": 16, "range_v": 10},
+    "limits": {"stroke_m": 0.079, "velocity_m_s": 1.0, "acceleration_m_s2": 45, "force_n": 445},
+    "nominal": {"gain_m_per_v": 0.0079, "moving_mass_kg": 7.0, "payload_kg": 23},
+}
+
+
 def test_doctor_is_content_with_a_counted_clock(plug: Plug, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Simulated] = []
 
@@ -136,16 +149,49 @@ def test_doctor_is_content_with_a_counted_clock(plug: Plug, tmp_path: Path, monk
         return made[-1]
 
     plug(make)
-    (tmp_path / "table.yaml").write_text(
-        yaml.safe_dump({
-            "kind": "simulated",
-            "sensors": {"sensitivity_mv_per_g": 1000, "range_g": 5, "high_pass_hz": 0.024, "low_pass_hz": 1549},
-            "converters": {"bits": 16, "range_v": 10},
-            "limits": {"stroke_m": 0.079, "velocity_m_s": 1.0, "acceleration_m_s2": 45, "force_n": 445},
-            "nominal": {"gain_m_per_v": 0.0079, "moving_mass_kg": 7.0, "payload_kg": 23},
-        })
-    )  # fmt: skip
+    (tmp_path / "table.yaml").write_text(yaml.safe_dump(TABLE))
     monkeypatch.chdir(tmp_path)
     found = examine_request(DoctorRequest(None, "table.yaml", (), 1.0, ()), lambda what: None)
     assert (found.exit_code, found.counted, found.rates, found.rig) == (0, "table", (), None)
     assert made[0].sessions == ["listening"]
+
+
+def test_a_run_on_it_keeps_its_truth_and_states_true_errors(
+    plug: Plug, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Identified and run without real time; the stated true error is that of the stored truth against SIM."""
+    told: list[list[str]] = []
+
+    def make(info: RigInfo) -> Rig:
+        rig = Simulated(info)
+        told.append(rig.sessions)
+        return rig
+
+    plug(make)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "table.yaml").write_text(yaml.safe_dump(TABLE))
+    time_s = np.arange(0.0, 6.0, 0.01)
+    pulse = np.sin(9.0 * time_s) * np.exp(-(((time_s - 1.5) / 0.5) ** 2))
+    columns = np.column_stack([time_s, pulse])
+    np.savetxt("pulse.csv", columns, delimiter=",", header="time_s,accel_m_s2", comments="")
+    case = {
+        "structure": "three_storey", "damping": "low", "record": "pulse.csv", "scaling": 1.0, "controller": "FF+FB",
+        "table": "table.yaml", "sample_rate_hz": 1000, "identification": {"duration_s": 40},
+    }  # fmt: skip
+    Path("pulse.yaml").write_text(yaml.safe_dump(case))
+    rths_cli.identify("pulse.yaml", "model.h5", yes=True)
+    sessions = [name for one in told for name in one]
+    assert sessions == ["listening", "probe", "listening", "identification"]
+    told.clear()
+    result = rths_cli.run("pulse.yaml", settings={"identification.model": "model.h5"}, output=tmp_path, yes=True)
+    assert result.status == "complete"
+    asked = ["listening", "listening", "verification", "listening", "exp_rths"]
+    assert [name for one in told for name in one] == asked
+    with h5py.File(result.path) as file:
+        truth, sim = file["exp_rths/truth"], file["sim/abs_accel_m_s2"][()]
+        accel = np.vstack([truth["table_accel_m_s2"][()], truth["floor_accel_m_s2"][()]])
+        error = sosfiltfilt(butter(4, 12.0, fs=1000.0, output="sos"), accel - sim)
+        stated = file["metrics/exp_rths/rms_error_m_s2_true"][()]
+        assert "exp_rths/true_reference_rms_error_m_s2" not in file["metrics"]
+    assert np.sqrt(np.mean(error**2, axis=1)) == pytest.approx(stated, rel=0.02)
+    assert stated.max() < 0.05 * np.abs(sim).max()

@@ -23,6 +23,7 @@ from rths_cli.rigs.virtual.imperfect.from_laboratory import Output, imperfect_pl
 from rths_cli.rigs.virtual.imperfect.plant import ImperfectPlant
 from rths_cli.rigs.virtual.laboratory import laboratory_of, of_run
 from rths_cli.rigs.virtual.specimen_laws import specimen_with_laws
+from rths_cli.rigs.virtual.virtual_rig import virtual_rig
 
 PHYSICS = VirtualPhysics()
 SOFT = {"kind": "softening", "share": 0.05, "half_drift_m": 0.001}
@@ -53,24 +54,55 @@ def plant_of(
     return imperfect_plant(info, physics, whole, laws, 0.0, 0.0, laboratory, drawn, outputs, precision)
 
 
+SENSITIVITY = ideal_info().channels[0].sensitivity_v_per_unit
 ALONE: dict[str, tuple[dict[str, Any], Imperfect]] = {
-    "nothing": ({}, Imperfect()),
+    "gains": ({"channels": {"gain_error": [0.01, -0.02, 0.03]}}, Imperfect(gain=(1.01, 0.98, 1.03))),
+    "offsets": (
+        {"channels": {"offset_v": [0.01, -0.02, 0.0]}},
+        Imperfect(offset_m_s2=(0.01 / SENSITIVITY, -0.02 / SENSITIVITY, 0.0)),
+    ),
+    "masses": ({"masses": {"weighing_error": [0.02, -0.05]}}, Imperfect(heavier=(0.02, -0.05))),
     "deck": ({"deck": {"frequency_hz": 60.0}}, Imperfect(coil_kg=1.5, deck_hz=60.0)),
+    "another deck": (
+        {"deck": {"frequency_hz": 40.0, "coil_mass_kg": 2.5, "damping_ratio": 0.1}},
+        Imperfect(coil_kg=2.5, deck_hz=40.0, deck_ratio=0.1),
+    ),
     "crossover": ({"amplifier": {"crossover_n": 0.5}}, Imperfect(crossover_n=0.5)),
-    "distortion": ({"amplifier": {"distortion": 0.02}}, Imperfect(distortion=0.02)),
+    "distortion": (
+        {"amplifier": {"distortion": 0.02, "distortion_at_v": 2.0}},
+        Imperfect(distortion=0.02, distortion_at_v=2.0),
+    ),
     "gain drift": ({"amplifier": {"gain_drift_per_s": 0.1}}, Imperfect(gain_drift_per_s=0.1)),
     "Dahl": ({"friction": {"presliding_m": 3e-4}}, Imperfect(presliding_m=3e-4)),
     "LuGre": (
         {"friction": {"presliding_m": 1e-4, "bristle_damping_n_s_per_m": 3.0, "stribeck_excess": 1.0}},
         Imperfect(presliding_m=1e-4, bristle_n_s_per_m=3.0, excess=1.0),
     ),
-    "Stribeck": ({"friction": {"stribeck_excess": 1.0}}, Imperfect(excess=1.0)),
-    "suspension": (
-        {"suspension": {"stiffness_n_per_m": 790.0, "cubic_n_per_m3": 9.5e4}},
-        Imperfect(suspension=(790.0, 9.5e4)),
+    "Stribeck": (
+        {"friction": {"stribeck_excess": 1.0, "stribeck_velocity_m_s": 0.01}},
+        Imperfect(excess=1.0, stribeck_m_s=0.01),
     ),
-    "force factor": ({"force_factor": {"drop": 0.3}}, Imperfect(drop=0.3)),
+    "suspension": ({"suspension": {"stiffness_n_per_m": 790.0}}, Imperfect(suspension=(790.0, 0.0))),
+    "hardening": ({"suspension": {"cubic_n_per_m3": 9.5e4}}, Imperfect(suspension=(0.0, 9.5e4))),
+    "force factor": ({"force_factor": {"drop": 0.3, "at_m": 0.05}}, Imperfect(drop=0.3, drop_at_m=0.05)),
     "pitch": ({"pitch": {"frequency_hz": 30.0}}, Imperfect(pitch_hz=30.0)),
+    "another pitch": (
+        {
+            "pitch": {
+                "frequency_hz": 40.0, "damping_ratio": 0.1, "inertia_kg_m2": 5.0, "storey_height_m": [0.3, 0.15],
+                "sensor_arm_m": -0.2,
+            },
+            "channels": {"transverse_sensitivity": 0.03},
+        },
+        Imperfect(
+            pitch_hz=40.0, pitch_ratio=0.1, inertia_kg_m2=5.0, storey_m=(0.3, 0.15), arm_m=-0.2,
+            transverse=(0.03, 0.03, 0.03),
+        ),
+    ),
+    "guides": (
+        {"guides": {"lateral_share": 0.05}, "channels": {"transverse_sensitivity": [0.03, -0.02, 0.05]}},
+        Imperfect(lateral=0.05, transverse=(0.03, -0.02, 0.05)),
+    ),
     "transverse": (
         {
             "pitch": {"frequency_hz": 30.0},
@@ -79,36 +111,83 @@ ALONE: dict[str, tuple[dict[str, Any], Imperfect]] = {
         },
         Imperfect(pitch_hz=30.0, lateral=0.05, transverse=(0.03, -0.02, 0.05)),
     ),
-    "corners": (
-        {"channels": {"high_pass_error": [0.2, -0.2, 0.1], "low_pass_error": [-0.2, 0.1, 0.2]}},
-        Imperfect(
-            high_pass_hz=(0.024 * 1.2, 0.024 * 0.8, 0.024 * 1.1),
-            low_pass_hz=(1549.0 * 0.8, 1549.0 * 1.1, 1549.0 * 1.2),
-        ),
+    "AC coupling": (
+        {"channels": {"high_pass_error": [0.2, -0.2, 0.1]}},
+        Imperfect(high_pass_hz=(0.024 * 1.2, 0.024 * 0.8, 0.024 * 1.1)),
+    ),
+    "low passes": (
+        {"channels": {"low_pass_error": [-0.2, 0.1, 0.2]}},
+        Imperfect(low_pass_hz=(1549.0 * 0.8, 1549.0 * 1.1, 1549.0 * 1.2)),
     ),
     "skew": ({"channels": {"skew_s": [2e-5, -5e-5, 1e-4]}}, Imperfect(skew_s=(2e-5, -5e-5, 1e-4))),
     "command skew": ({"converters": {"command_skew_s": -6e-5}}, Imperfect(command_skew_s=-6e-5)),
-    "specimen": ({}, Imperfect(laws=[(i, one) for i in range(2) for one in BOTH[i]])),
+    "softening": (
+        {"specimen": {"softening": [0.05, 0.1], "softening_drift_m": 0.002}},
+        Imperfect(laws=[(0, {**SOFT, "half_drift_m": 0.002}), (1, {**SOFT, "share": 0.1, "half_drift_m": 0.002})]),
+    ),
+    "joints": (
+        {"specimen": {"joint_friction_n": [0.5, 0.2], "joint_sticking_m": 1e-4}},
+        Imperfect(
+            laws=[
+                (0, {**JOINT, "sticking_displacement_m": 1e-4}),
+                (1, {**JOINT, "force_n": 0.2, "sticking_displacement_m": 1e-4}),
+            ]
+        ),
+    ),
+    "softening and joints": (
+        {"specimen": {"softening": 0.05, "joint_friction_n": 0.5}},
+        Imperfect(laws=[(i, one) for i in range(2) for one in (SOFT, JOINT)]),
+    ),
     "deck, pitch and LuGre": (
         {"deck": {"frequency_hz": 60.0}, "pitch": {"frequency_hz": 30.0}, "friction": {"presliding_m": 3e-4}},
         Imperfect(coil_kg=1.5, deck_hz=60.0, pitch_hz=30.0, presliding_m=3e-4),
     ),
-}
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ALONE)
-def test_each_imperfection_agrees_with_an_adaptive_solver(name: str) -> None:
-    """Samples, displacement and velocities within 1e-6 of their peaks."""
-    stated, how = ALONE[name]
-    physics = VirtualPhysics.model_validate({"specimen_laws": BOTH}) if name == "specimen" else PHYSICS
-    info, command = ideal_info(latency_samples=1, high_pass_hz=0.024), command_of(400)
+def plant_of_file(stated: dict[str, Any], info: RigInfo) -> ImperfectPlant:
+    """Return the plant of a rig file with these imperfections."""
+    spec = VirtualRigSpec.model_validate({"kind": "virtual", "imperfections": stated})
+    plant = virtual_rig(spec, info, specimen(), 0.0, (0, 1), True).plant
+    assert isinstance(plant, ImperfectPlant)
+    return plant
+
+
+def compare(plant: ImperfectPlant, info: RigInfo, how: Imperfect) -> None:
+    """Samples, displacement and velocities agree with those of the independent table within 1e-6 of their peaks."""
+    command = command_of(200)
     wanted, place, velocity = solved(Table(PHYSICS, specimen(), how), command, DT_S, 1)
-    samples, states, middle = run_plant(plant_of(stated, info, physics), info, command)
-    accel = samples / info.channels[0].sensitivity_v_per_unit
+    samples, states, middle = run_plant(plant, info, command)
+    accel = samples / SENSITIVITY
     for c in range(3):
         assert peak(accel[c] - wanted[c]) < 1e-6 * peak(wanted[c]), c
         assert peak(middle[c] - velocity[c]) < 1e-6 * peak(velocity[c]), c
     assert peak(states[0] - place) < 1e-6 * peak(place)
+
+
+@pytest.mark.parametrize("name", ALONE)
+def test_each_imperfection_agrees_with_an_adaptive_solver(name: str) -> None:
+    stated, how = ALONE[name]
+    info = ideal_info(latency_samples=1, high_pass_hz=0.024)
+    compare(plant_of_file(stated, info), info, how)
+
+
+def test_without_imperfections_it_agrees_with_the_adaptive_solver() -> None:
+    info = ideal_info(latency_samples=1, high_pass_hz=0.024)
+    compare(plant_of({}, info), info, Imperfect())
+
+
+RANDOM = {
+    "channels.hum_v", "channels.hum_hz", "channels.offset_walk_v_per_sqrt_s", "channels.gain_change_between_runs",
+    "converters.command_jitter_s", "converters.sample_jitter_s",
+}  # fmt: skip
+
+
+def test_every_deterministic_imperfection_is_compared() -> None:
+    """Each key is among those compared with the adaptive solver, or among those whose statistics are tested below."""
+    keys = {f"{part}.{name}" for part, one in VirtualImperfections().parts() for name in type(one).model_fields}
+    compared = {f"{part}.{name}" for stated, _ in ALONE.values() for part, names in stated.items() for name in names}
+    assert compared | RANDOM == keys
 
 
 @pytest.mark.parametrize("latency_samples", [0, 1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from zlib import crc32
@@ -43,17 +43,24 @@ class Laboratory:
         return float(self.values[key][0])
 
 
-def laboratory_of(stated: VirtualImperfections, number: int, channels: int, floors: int) -> Laboratory:
+def laboratory_of(
+    stated: VirtualImperfections, number: int, accelerometers: int, floors: int, further: Sequence[float] = ()
+) -> Laboratory:
     """Return the laboratory of this number; raises InputError for a list with another number of entries.
 
-    Each key has a stream of its own: what is switched on or off elsewhere changes no other value.
+    Each key has a stream of its own: what is switched on or off elsewhere changes no other value. `further`: declared
+    uncertainty of each channel beside the accelerometers of table and floors, with which its gain error is drawn.
     """
-    values = {}
+    values, channels = {}, accelerometers + len(further)
     for part, imperfections in stated.parts():
         for name in type(imperfections).model_fields:
             given, key = getattr(imperfections, name), f"{part}.{name}"
             if isinstance(given, Values) and key != PER_RUN:
                 values[key] = drawn(given, key, number, _places(key, channels, floors))
+    gain, std = values["channels.gain_error"], stated.channels.gain_error.std
+    if std > 0.0:
+        mean = np.resize(stated.channels.gain_error.mean, channels)
+        gain[accelerometers:] = ((gain - mean) / std)[accelerometers:] * further
     return Laboratory(number, stated, values)
 
 

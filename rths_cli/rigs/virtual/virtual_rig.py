@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,13 +62,17 @@ def true_specimen(spec: VirtualRigSpec, specimen: Specimen, seed: int) -> tuple[
     """
     _, changed_specimen = changed(spec.physics, specimen, spec.after_identification)
     floors = len(specimen.masses_kg)
-    return as_it_is(spec, changed_specimen, true_laboratory(spec, seed, 1 + floors, floors))
+    further = [channel.sensitivity_uncertainty for channel in spec.channels or ()]
+    return as_it_is(spec, changed_specimen, true_laboratory(spec, seed, floors, further))
 
 
-def true_laboratory(spec: VirtualRigSpec, seed: int, channels: int, floors: int) -> Laboratory | None:
-    """Return the laboratory of a rig file, None for one that is exactly as declared."""
+def true_laboratory(spec: VirtualRigSpec, seed: int, floors: int, further: Sequence[float]) -> Laboratory | None:
+    """Return the laboratory of a rig file, None for one that is exactly as declared.
+
+    `further`: declared uncertainties of the sensitivities of the further channels.
+    """
     number = number_of(spec.imperfections, seed)
-    return None if number is None else laboratory_of(spec.imperfections, number, channels, floors)
+    return None if number is None else laboratory_of(spec.imperfections, number, 1 + floors, floors, further)
 
 
 def as_it_is(spec: VirtualRigSpec, specimen: Specimen, laboratory: Laboratory | None) -> tuple[Specimen, Laws]:
@@ -177,11 +181,6 @@ def normals(plant: Plant | ImperfectPlant) -> int:
     return int(plant.accel_rows.shape[0] + plant.further.range.size)
 
 
-def normals_of(spec: VirtualRigSpec, channels: int) -> int:
-    """Return how many standard normal numbers a reading of a rig file's channels takes."""
-    return channels if spec.imperfections.off else imperfect.normals(channels)
-
-
 def fresh_state(plant: Plant | ImperfectPlant, latency_samples: int) -> PlantState | ImperfectState:
     """Return a table at rest."""
     if isinstance(plant, ImperfectPlant):
@@ -279,11 +278,10 @@ def virtual_rig(
     physics, noise = spec.physics, spec.sensors.noise_rms_m_s2
     if after_identification:
         physics, specimen = changed(physics, specimen, spec.after_identification)
-    channels = len(info.all_channels)
-    laboratory = true_laboratory(spec, case_seed, channels, len(specimen.masses_kg))
+    laboratory = true_laboratory(spec, case_seed, len(specimen.masses_kg), [one.uncertainty for one in info.further])
     if laboratory is None:
         return VirtualRig(info, build_plant(info, physics, specimen, noise, 0, interface_mass_kg), seed)
     specimen, laws = as_it_is(spec, specimen, laboratory)
-    this_run = of_run(laboratory, seed, channels)
+    this_run = of_run(laboratory, seed, len(info.all_channels))
     plant = imperfect_plant(info, physics, specimen, laws, noise, interface_mass_kg, laboratory, this_run)
     return VirtualRig(info, plant, seed)

@@ -157,7 +157,7 @@ def _sensing(
         place=np.array([one.place for one in sensed], dtype=float),
         low_pass=2.0 * np.pi * corners[:, 0] * (1.0 + of_channels["low_pass_error"]),
         high_pass=2.0 * np.pi * corners[:, 1] * (1.0 + of_channels["high_pass_error"]),
-        gain=1.0 + _gain_errors(info, laboratory) + of_run[PER_RUN],
+        gain=1.0 + of_channels["gain_error"] + of_run[PER_RUN],
         skew_s=of_channels["skew_s"],
         offset_v=of_channels["offset_v"],
         hum_v=of_channels["hum_v"],
@@ -171,16 +171,6 @@ def _sensing(
         v_per_unit=np.array([one.sensitivity_v_per_unit for one in channels]),
         plate_kg=np.array([one.plate_kg for one in sensed], dtype=float),
     )
-
-
-def _gain_errors(info: RigInfo, laboratory: Laboratory) -> Array:
-    """Return the gain errors of all channels; those beside the accelerometers have the spread that is declared."""
-    errors, stated = laboratory.values["channels.gain_error"].copy(), laboratory.stated.channels.gain_error
-    if stated.std > 0.0:
-        first = len(info.channels)
-        normal = (errors[first:] - np.resize(stated.mean, errors.size)[first:]) / stated.std
-        errors[first:] = normal * [channel.uncertainty for channel in info.further]
-    return errors
 
 
 def _outputs(info: RigInfo, interface_mass_kg: float) -> tuple[Output, ...]:

@@ -200,12 +200,12 @@ def test_the_figures_known_beforehand_are_those_a_run_has(whole: Path) -> None:
     missing = {path for path in computed - set(written) if "_lost_" not in path}
     assert set(written) <= computed
     of_others = ("peak_drift_ratio", "ductility", "residual_drift_m", "restoring_work_j")  # with heights, or laws
-    of_drift = ("residual_drift_change_m", "residual_drift_uncertainty_m", "base_shear_uncertainty")
+    others = ("residual_drift_change_m", "residual_drift_uncertainty_m", "base_shear_uncertainty", "true_error_rank")
     solved = ("sim", "sim_delay", "exp_rths")
     assert missing == {
         "sim_delay.diverged_at_s",
         *(f"{run}.{figure}" for run in solved for figure in of_others),
-        *(f"exp_rths.{figure}" for figure in of_drift),
+        *(f"exp_rths.{figure}" for figure in others),
     }
     assert all((known[path].over != "") == several for path, several in written.items())
 

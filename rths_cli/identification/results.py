@@ -42,6 +42,8 @@ class Friction:
     velocity_rms_m_s: float  # of the table in the record
     explained: float  # fraction of the residual's power that friction explains, apart from terms linear in the velocity
     scale_m_s: float  # v_s, below which sign(v) is smooth; known to a factor of two
+    # fraction of the residual's power at low level, of which the fit knew nothing, that it removes; None: not known
+    held_out: float | None = None
 
     @property
     def linear_s_per_m(self) -> float:

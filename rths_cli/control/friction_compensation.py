@@ -7,14 +7,12 @@ the table has that velocity.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-from rths_cli.control.part_designs import Logged
-from rths_cli.identification.results import Friction
-from rths_cli.numerics.lti import Array, Block
+import numpy as np
 
-LEAST_HELD_OUT = 0.5  # share of the low-level record's residual power that the identified friction must remove
+from rths_cli.control.part_designs import Logged
+from rths_cli.numerics.lti import Array, Block
 
 
 @dataclass(frozen=True)
@@ -26,8 +24,11 @@ class FrictionFeedforward:
     """
 
     block: Block
-    friction: Friction
+    command_v: float  # kappa
+    scale_m_s: float  # v_s
+    linear_s_per_m: float  # c
     lead_s: float
+    left: float  # share of friction's disturbance that is expected to remain
     affine: bool = True
     linear: bool = False
     logs: tuple[Logged, ...] = ()
@@ -42,23 +43,14 @@ class FrictionFeedforward:
         """Return those of the linear block."""
         return self.block.multiplications
 
-    @property
-    def left(self) -> float:
-        """Return the share of friction's disturbance that is expected to remain, by the low-level record."""
-        return math.sqrt(max(1.0 - (self.friction.held_out or 0.0), 0.0))
-
     def added_v(self, motion: Array) -> Array:
         """Return the command (n,) in V that it adds for the desired motion (3, n) at k + n_p."""
-        return -self.friction.disturbance_v(motion[1] + self.lead_s * motion[0])
+        velocity = motion[1] + self.lead_s * motion[0]
+        return np.asarray(self.command_v * (np.tanh(velocity / self.scale_m_s) - self.linear_s_per_m * velocity))
 
     def linearised(self, at: Array | None = None) -> Block:
         """Return the linear feedforward: on the table with its friction the rest adds nothing."""
         return self.block
-
-
-def shown_to_help(friction: Friction | None) -> bool:
-    """Return whether the identification's low-level record, which the fit did not use, shows that the part helps."""
-    return friction is not None and friction.held_out is not None and friction.held_out >= LEAST_HELD_OUT
 
 
 def compensation_lead_s(delay_s: float, lag_s: float, lead_samples: int, dt_s: float) -> float:

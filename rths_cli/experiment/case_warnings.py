@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.keys_without_effect import sentence
-from rths_cli.control.friction_compensation import LEAST_HELD_OUT
 from rths_cli.experiment.loop_stability_of_case import counters_friction
 from rths_cli.experiment.tangent_verdicts import ASSUMPTIONS, range_assumption
 from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.identification.results import LEAST_HELD_OUT
 from rths_cli.structure import modes
 
 if TYPE_CHECKING:

@@ -120,11 +120,13 @@ def _feedforward(
 ) -> Block | friction_compensation.FrictionFeedforward:
     """Return the feedforward; it counters friction where the case asks for it and the identification shows it helps."""
     block, friction = _linear_feedforward(setup, identified, model, lead), identified.friction
-    if not counters_friction(setup.case) or friction is None or not friction_compensation.shown_to_help(friction):
+    if not counters_friction(setup.case) or friction is None or not friction.shown:
         return block
     delay_s, dt_s = model.delay_s, setup.rig.dt_s
     lead_s = friction_compensation.compensation_lead_s(delay_s, _lag_s(model, _specimen(identified)), lead, dt_s)
-    return friction_compensation.FrictionFeedforward(block, friction, lead_s)
+    return friction_compensation.FrictionFeedforward(
+        block, friction.command_v, friction.scale_m_s, friction.linear_s_per_m, lead_s, friction.left
+    )
 
 
 def _lag_s(model: Model, specimen: Specimen) -> float:

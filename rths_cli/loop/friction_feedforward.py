@@ -34,7 +34,7 @@ class CompensatedFeedforward(NamedTuple):
 
 def compensated_feedforward(design: FrictionFeedforward, interface: Interface, room: Room) -> CompensatedFeedforward:
     """Return a feedforward that counters friction, at rest."""
-    made, friction = linear_feedforward(design.block, interface, room), design.friction
+    made = linear_feedforward(design.block, interface, room)
     return CompensatedFeedforward(
-        made, made.logged, friction.command_v, 1.0 / friction.scale_m_s, friction.linear_s_per_m, design.lead_s
+        made, made.logged, design.command_v, 1.0 / design.scale_m_s, design.linear_s_per_m, design.lead_s
     )

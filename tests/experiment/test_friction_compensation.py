@@ -49,8 +49,8 @@ def test_a_small_motion_with_friction_is_as_accurate_as_one_without(tmp_path: Pa
     assert (measured < 1.5 * predicted).all() and (predicted < 1.5 * measured).all()
     # the friction that the budget finds is what the identification found
     assert abs(float(values["budget.friction_v"]) / float(values["check.friction_v"]) - 1.0) < 0.03
-    assert (np.asarray(values["budget.friction_rms_m_s2"]) < 0.04 * late).all()
-    assert (np.asarray(values["budget.rounding_rms_m_s2"]) < 0.04 * late).all()
+    assert (np.asarray(values["budget.rms_error_friction_m_s2"]) < 0.04 * late).all()
+    assert (np.asarray(values["budget.rms_error_rounding_m_s2"]) < 0.04 * late).all()
 
 
 def test_the_low_level_record_decides(default_identification: Identification) -> None:

@@ -160,7 +160,10 @@ def split(known: Known, signals: Signals) -> Budget:
     sim, reported = lines.of(signals.sim), np.vstack([lines.of(signals.computed), stored])
     desired = lines.of_motion(*signals.desired)
     drifted = np.zeros_like(stored) if signals.drift is None else lines.of(signals.drift)
-    rounded, held = _added(known, signals, command - _wanted(known, desired, corrected + drifted / loop.ahead))
+    wanted, countered = _wanted(known, desired, corrected + drifted / loop.ahead), np.zeros_like(command)
+    if known.compensation is not None:
+        countered = lines.of(known.compensation.added_v(signals.desired)) / loop.ahead
+    rounded, held = _added(known, signals, command - wanted - countered)
     disturbed = came / loop.ahead - loop.rig * command
     instants = None if signals.lost is None else inside(lines)
     parts, fitted = _disturbances(known, disturbed, command, signals.desired[1], instants)
@@ -175,7 +178,10 @@ def split(known: Known, signals: Signals) -> Budget:
         "coupling": (known.sim - perfect.storeys, quiet),
         "latency": (perfect.storeys - nominal.storeys, nominal.tracking),
         "rounding": _error(hybrid(loop, still, np.zeros_like(disturbed), rounded)),
-    } | {name: _error(hybrid(loop, still, part)) for name, part in parts.items()}
+    } | {
+        name: _error(hybrid(loop, still, part, countered if name == "friction" else None))
+        for name, part in parts.items()
+    }
     if held is not None:
         series[LOST] = _error(hybrid(loop, still, (stored - came) / loop.ahead, held))
     if signals.drift is not None:

@@ -15,6 +15,7 @@ from rths_cli.analysis.closed_loop_response import LoopResponse, Motion, hybrid,
 from rths_cli.analysis.fourier_lines import Lines
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.quantisation import rounding_power
+from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.identification.results import Friction
 from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model, hold_size
@@ -58,6 +59,7 @@ class Known:
     rig: RigInfo
     correction: Block  # the sensor correction of the step
     shaped: bool  # whether commands are rounded with noise shaping
+    compensation: FrictionFeedforward | None = None  # that counters friction; None: nothing does
     excess: float = 0.0  # as in IdentifiedRig
     compared: ComparedBand = USUAL  # band in which the model was compared with its data
     peaks_m_s2: Array | None = None  # (c,) peaks of SIM's interface and floors at all frequencies; None: not known
@@ -145,10 +147,14 @@ def _kernel(frequency_hz: Array, compared: ComparedBand) -> Array:
 
 
 def friction_samples(known: Known) -> ComplexArray:
-    """Return the disturbance of the corrected samples (c, m) by dry friction, which acts without a command's delay."""
+    """Return the disturbance of the corrected samples (c, m) by dry friction, which acts without a command's delay.
+
+    Where it is countered, the share is left that the identification's low-level record showed.
+    """
     if known.friction is None:
         return np.zeros_like(known.floors)
-    return samples_of_push(known) * known.lines.of(known.friction.disturbance_v(known.velocity_m_s))
+    left = known.compensation.left if known.compensation else 1.0
+    return left * samples_of_push(known) * known.lines.of(known.friction.disturbance_v(known.velocity_m_s))
 
 
 def samples_of_push(known: Known) -> ComplexArray:

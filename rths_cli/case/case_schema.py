@@ -120,6 +120,12 @@ class ControllerSpec(Strict):
         "table; judged at both ends of check.specimen_range (default: 0.5 to 1)",
     )
 
+    friction_compensation: bool = Field(
+        default=False,
+        description="method best: the command also counters the table's dry friction, where the identification's "
+        "low-level record shows that this removes most of what the model leaves",
+    )
+
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
         band = listed(data, "disturbance_hz")

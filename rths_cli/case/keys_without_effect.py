@@ -51,6 +51,11 @@ USES = {
         lambda case: case.method == "best" and case.controller.kind != "none",
         "a feedforward of method best reads it",
     ),
+    ".".join(("controller", "friction_compensation")): Use(
+        TABLE_RUNS,
+        lambda case: case.method == "best" and case.controller.kind != "none",
+        "a feedforward of method best reads it",
+    ),
 }
 """The keys that not everything reads; of a key below another one the longest path counts."""
 

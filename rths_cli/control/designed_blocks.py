@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.control.interface import Interface
 from rths_cli.control.load_cell import CellInput, with_cell
 from rths_cli.control.part_designs import Logged, PartDesign
@@ -84,6 +85,16 @@ class Blocks:
     def linear(self) -> bool:
         """Return whether all parts are linear at all times."""
         return self.numerical.linear and self.feedforward.linear and self.feedback.linear
+
+    @property
+    def friction_compensation(self) -> FrictionFeedforward | None:
+        """Return the feedforward that counters friction, None where nothing does."""
+        return self.feedforward if isinstance(self.feedforward, FrictionFeedforward) else None
+
+    def without_compensation(self) -> Blocks:
+        """Return the blocks of a test on a table without the friction that they counter."""
+        counters = self.friction_compensation
+        return self if counters is None else replace(self, feedforward=counters.block)
 
     @property
     def in_python(self) -> tuple[PythonPart[Any], ...]:

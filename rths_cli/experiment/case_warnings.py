@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.keys_without_effect import sentence
+from rths_cli.experiment.loop_stability_of_case import counters_friction
 from rths_cli.experiment.tangent_verdicts import ASSUMPTIONS, range_assumption
 from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.identification.results import LEAST_HELD_OUT
 from rths_cli.structure import modes
 
 if TYPE_CHECKING:
@@ -49,6 +51,7 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
         found.append(_of_own_storeys(setup))
     if design is not None:
         found += [*slower_feedback(setup, design), *chosen_feedback(design)]
+        found += friction_not_countered(setup, design, identified)
     if identified is not None:
         found += identified.warnings
     return tuple(dict.fromkeys(found))
@@ -146,6 +149,21 @@ def chosen_feedback(design: Design) -> list[str]:
         f"chosen instead: disturbance_hz: [{low:g}, {high:g}], command_weight: {weights.command_weight:g}, "
         f"max_sensitivity: {design.chosen.max_sensitivity:g}; state disturbance_hz or command_weight to choose yourself"
     ]
+
+
+def friction_not_countered(setup: Setup, design: Design, identified: Identification | None) -> list[str]:
+    """Return a sentence if friction compensation was asked for and the identification does not show that it helps."""
+    if not counters_friction(setup.case) or design.blocks.friction_compensation is not None:
+        return []
+    friction = identified.friction if identified is not None else None
+    if friction is None or friction.held_out is None:
+        shown = "the identification holds no low-level record on which it could be tried"
+    else:
+        shown = (
+            f"the identified friction removes {max(friction.held_out, 0.0):.0%} of what the model leaves of the "
+            f"low-level record, {LEAST_HELD_OUT:.0%} are needed"
+        )
+    return [f"controller.friction_compensation is off: {shown}"]
 
 
 def differences(setup: Setup, identified: Identification) -> list[str]:

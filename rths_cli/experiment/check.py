@@ -120,7 +120,8 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
     found = loop_stability(setup, identified, design.blocks, shared)
     matrix = closed_loop_matrix(rig, design.blocks)
     known = known_of(setup, identified, design, rig, storeys, found.radius, shared)
-    known = replace(known, slow_roots=slow_roots(matrix, dt, known.lines.padded * dt))
+    counters = as_designed.blocks.friction_compensation
+    known = replace(known, slow_roots=slow_roots(matrix, dt, known.lines.padded * dt), compensation=counters)
     prediction = predict(known)
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
     rows = preflight.reach(known, prediction, setup.rig, masses)
@@ -129,7 +130,8 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
     further = (*preflight.unseen(known), *faults_at_tangents(tangents))
     simulated = None
     if stable is not None and whole.has_laws:
-        simulated = _simulated(setup, whole, as_designed, rig, known, stable, shared)
+        played = replace(as_designed, blocks=as_designed.blocks.without_compensation())  # beside what it leaves
+        simulated = _simulated(setup, whole, played, rig, known, stable, shared)
         rows, further = simulated.reach, (*further, *simulated.faults)
         total = simulated.total
         stable = None if total is None else replace(stable, causes=simulated.causes, total=total)
@@ -203,7 +205,14 @@ def _simulated(
     if setup.parts:  # another part of the caller's may have the same linear block
         shared = SharedValues()
     asked = content_key(
-        building, design.blocks.linearised(), rig, known.model, known.measured, known.friction, known.noise_m_s2
+        building,
+        design.blocks.linearised(),
+        rig,
+        known.model,
+        known.measured,
+        known.friction,
+        known.noise_m_s2,
+        known.compensation,
     )
     return shared.get(
         "simulated test", (motion_key(setup.case), asked, lowest_reliable_hz(setup), setup.case.test_band_hz),

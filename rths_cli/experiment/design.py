@@ -8,13 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rths_cli.control import feedback, feedforward, kalman_filter, load_cell, reaction, sensor_correction
+from rths_cli.control import (
+    feedback,
+    feedforward,
+    friction_compensation,
+    kalman_filter,
+    load_cell,
+    reaction,
+    sensor_correction,
+)
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import Interface
 from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.errors import InputError
 from rths_cli.experiment.feedback_choice import choose_feedback
-from rths_cli.experiment.loop_stability_of_case import counters_reaction, loop_faults
+from rths_cli.experiment.loop_stability_of_case import counters_friction, counters_reaction, loop_faults
 from rths_cli.experiment.own_parts import NUMERICAL, made
 from rths_cli.numerics.shared_values import SharedValues
 
@@ -89,6 +97,11 @@ def _exchanged(blocks: Blocks, setup: Setup) -> Blocks:
             "controller.reaction_feedforward: it belongs to the designed feedforward, and parts has another; remove "
             "the key"
         )
+    if "feedforward" in setup.parts and counters_friction(setup.case):
+        raise InputError(
+            "controller.friction_compensation: it belongs to the designed feedforward, and parts has another; remove "
+            "the key"
+        )
     own: dict[str, Any] = {
         place: made(place, make, getattr(blocks, place)) for place, make in setup.parts.items() if place != NUMERICAL
     }
@@ -102,7 +115,29 @@ def _specimen(identified: Identification) -> Specimen:
     return identified.specimen.specimen
 
 
-def _feedforward(setup: Setup, identified: Identification, model: Model, lead: int) -> Block:
+def _feedforward(
+    setup: Setup, identified: Identification, model: Model, lead: int
+) -> Block | friction_compensation.FrictionFeedforward:
+    """Return the feedforward; it counters friction where the case asks for it and the identification shows it helps."""
+    block, friction = _linear_feedforward(setup, identified, model, lead), identified.friction
+    if not counters_friction(setup.case) or friction is None or not friction.shown:
+        return block
+    delay_s, dt_s = model.delay_s, setup.rig.dt_s
+    lead_s = friction_compensation.compensation_lead_s(delay_s, _lag_s(model, _specimen(identified)), lead, dt_s)
+    return friction_compensation.FrictionFeedforward(
+        block, friction.command_v, friction.scale_m_s, friction.linear_s_per_m, lead_s, friction.left
+    )
+
+
+def _lag_s(model: Model, specimen: Specimen) -> float:
+    """Return by how much a force on the table is early against a command; 0 where the table does not show it."""
+    try:
+        return reaction.compliance(model, specimen).lag_s
+    except InputError:
+        return 0.0
+
+
+def _linear_feedforward(setup: Setup, identified: Identification, model: Model, lead: int) -> Block:
     case, dt_s = setup.case, setup.rig.dt_s
     if case.controller.kind == "none":
         return feedforward.direct(model.low_frequency_gain_m_per_v, dt_s)

@@ -31,6 +31,12 @@ def counters_reaction(case: Case) -> bool:
     return driven and case.controller.reaction_feedforward
 
 
+def counters_friction(case: Case) -> bool:
+    """Tell whether a case's feedforward is to counter the table's dry friction."""
+    driven = case.method == "best" and case.controller.kind != "none"
+    return driven and case.controller.friction_compensation
+
+
 def loop_parts(setup: Setup, identified: Identification, there: Specimen | None = None) -> tuple[IdentifiedRig, Block]:
     """Return the parts of a case's loop that are not designed: the identified rig, and all numerical storeys.
 

@@ -181,6 +181,8 @@ def _identification(
     """Return the complete result of the identification, with its verdict."""
     clean, best, compared = table.fit.frf, table.best, data.settings.compared
     dry = friction.estimate(data.records, table.fit.chosen.model, data.info, compared)
+    if dry is not None and data.quiet is not None and table.comparable:
+        dry = friction.tried_on(dry, data.quiet, table.fit.chosen.model, data.info, compared)
     return Identification(
         frfs=(clean, *frfs[1:]),
         noise_floors=tuple(noise_floor(data.records, frf, c, data.info.dt_s) for c, frf in enumerate(frfs)),

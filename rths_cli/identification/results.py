@@ -10,6 +10,8 @@ from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Frf, Model
 from rths_cli.structure import Specimen
 
+LEAST_HELD_OUT = 0.5  # of the low-level record's power: what friction must remove to be countered
+
 
 @dataclass(frozen=True)
 class ChannelReport:
@@ -42,11 +44,23 @@ class Friction:
     velocity_rms_m_s: float  # of the table in the record
     explained: float  # fraction of the residual's power that friction explains, apart from terms linear in the velocity
     scale_m_s: float  # v_s, below which sign(v) is smooth; known to a factor of two
+    # fraction of the residual's power at low level, of which the fit knew nothing, that it removes; None: not known
+    held_out: float | None = None
 
     @property
     def linear_s_per_m(self) -> float:
         """Return c in s/m; the model identified from this record already contains the linear part kappa c v."""
         return float(np.sqrt(2.0 / np.pi)) / self.velocity_rms_m_s
+
+    @property
+    def shown(self) -> bool:
+        """Return whether a low-level record, of which the fit knew nothing, shows that countering it helps."""
+        return self.held_out is not None and self.held_out >= LEAST_HELD_OUT
+
+    @property
+    def left(self) -> float:
+        """Return the share of its disturbance that is expected to remain where it is countered."""
+        return float(np.sqrt(max(1.0 - (self.held_out or 0.0), 0.0)))
 
     def disturbance_v(self, velocity_m_s: Array) -> Array:
         """Return the command (n,) in V that is equivalent to friction, for a table velocity (n,) in m/s.

@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.control.interface import COMMANDED, Interface
 from rths_cli.control.load_cell import with_cell
 from rths_cli.control.part_designs import PartDesign
 from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
+from rths_cli.loop.friction_feedforward import compensated_feedforward
 from rths_cli.loop.linear_parts import (
     Channels,
     OpenLoop,
@@ -39,7 +41,11 @@ NUMERICAL_PARTS: dict[type, Make] = {
     StoreysWithLaws: storeys_and_forces,
     PythonSubstructure: called_substructure,
 }
-FEEDFORWARD_PARTS: dict[type, Make] = {Block: linear_feedforward, PythonFeedforward: called_feedforward}
+FEEDFORWARD_PARTS: dict[type, Make] = {
+    Block: linear_feedforward,
+    FrictionFeedforward: compensated_feedforward,
+    PythonFeedforward: called_feedforward,
+}
 FEEDBACK_PARTS: dict[type, Make] = {Block: linear_feedback}
 """What makes the part of the step from each kind of design in `Blocks`; another kind has a method `compiled_part`."""
 

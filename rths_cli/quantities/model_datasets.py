@@ -143,6 +143,7 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("velocity_rms_m_s", "m/s", (), "RMS velocity of the table in the record"),
             ("explained", "1", (), "share of the power that the model leaves of the record, beside linear parts"),
             ("scale_m_s", "m/s", (), "velocity below which the change of sign is smooth, to a factor of two"),
+            ("held_out", "1", (), "share of the power left of the low-level record that it removes, nothing fitted"),
         ),
         "latency": (
             ("identified_s", "s", (), "as identified"),

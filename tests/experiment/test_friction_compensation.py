@@ -1,0 +1,96 @@
+"""Friction countered by the command: its accuracy, what the check and the budget say of it, and when it stays off."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rths_cli.case.load import load_cases
+from rths_cli.control.part_designs import PartDesign
+from rths_cli.errors import InputError
+from rths_cli.experiment.case_warnings import of_case
+from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.run_case import run_case
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.files.result_reader import read_result
+from rths_cli.identification.results import Friction, Identification
+from rths_cli.loop.step import step
+from rths_cli.loop.step_arrays import RECORD, assemble
+
+ON = "controller={kind: FF+FB, friction_compensation: true}"
+SMALL = ("scaling=0.05", "table.physics.coulomb_n=1")
+
+
+def setup_of(*settings: str) -> Setup:
+    return make_setup(load_cases(["el_centro_low_ff_fb"], settings)[0])
+
+
+def with_held_out(found: Identification, share: float | None) -> Identification:
+    assert found.friction is not None
+    return replace(found, friction=replace(found.friction, held_out=share))
+
+
+def test_a_small_motion_with_friction_is_as_accurate_as_one_without(tmp_path: Path, memory: Memory) -> None:
+    """Independent of the design: errors of the true accelerations, and those that the check has predicted."""
+    setup = setup_of("runs=[sim, sim_delay, exp_rths]", ON, *SMALL)
+    path = tmp_path / "on.h5"
+    ended = run_case(setup, path, memory, "test", lambda _: None)
+    assert ended.status == "complete", ended.reason
+    values = read_result(path).metrics
+    late = np.asarray(values["sim_delay.rms_error_m_s2"])
+    measured = np.asarray(values["exp_rths.rms_error_m_s2"])
+    assert (measured / late).max() < 0.05  # 0.137 without
+    predicted = np.asarray(values["check.rms_error_m_s2"])
+    assert (measured < 1.5 * predicted).all() and (predicted < 1.5 * measured).all()
+    # the friction that the budget finds is what the identification found
+    assert abs(float(values["budget.friction_v"]) / float(values["check.friction_v"]) - 1.0) < 0.03
+    assert (np.asarray(values["budget.rms_error_friction_m_s2"]) < 0.04 * late).all()
+    assert (np.asarray(values["budget.rms_error_rounding_m_s2"]) < 0.04 * late).all()
+
+
+def test_the_low_level_record_decides(default_identification: Identification) -> None:
+    """Of friction as the virtual table has it nearly all is removed; no more than half of it, or nothing known: off."""
+    friction = default_identification.friction
+    assert friction is not None and friction.held_out is not None and friction.held_out > 0.9
+    for share, told in ((0.49, "49 %"), (-2.0, "0 %"), (None, "no low-level record")):
+        found, setup = with_held_out(default_identification, share), setup_of(ON)
+        design = design_blocks(setup, found)
+        assert design.blocks.friction_compensation is None
+        (sentence,) = [one for one in of_case(setup, found, design) if "friction_compensation" in one]
+        assert "is off" in sentence and told in sentence.replace("%", " %").replace("  ", " ")
+    on = design_blocks(setup_of(ON), with_held_out(default_identification, 0.51))
+    assert on.blocks.friction_compensation is not None
+    assert design_blocks(setup_of(), default_identification).blocks.friction_compensation is None
+
+
+def test_the_step_adds_the_identified_friction(default_identification: Identification) -> None:
+    """The compiled step against the law written out; the velocity is that when the command acts on the force."""
+    friction = default_identification.friction
+    assert isinstance(friction, Friction)
+    blocks = [design_blocks(setup_of(*on), default_identification).blocks for on in ((ON,), ())]
+    with_it, without = (assemble(replace(one, shaping_step_v=0.0), RECORD) for one in blocks)
+    dt_s, model = blocks[0].correction.dt_s, default_identification.best
+    lead_s = model.delay_s + 1.5e-3 - blocks[0].lead_samples * dt_s  # the table's time constant: 1.5 ms
+    for accel, velocity in ((0.0, 1e-3), (0.3, -2e-4), (0.0, 0.2), (-1.0, 5e-3)):
+        drive = np.array([accel, velocity, 0.0])
+        step(with_it, drive)
+        step(without, drive)
+        then = velocity + lead_s * accel
+        wanted = friction.command_v * (
+            math.tanh(then / friction.scale_m_s) - math.sqrt(2.0 / math.pi) * then / friction.velocity_rms_m_s
+        )
+        assert with_it.forward[0] - without.forward[0] == pytest.approx(wanted, rel=0.02, abs=2e-3 * friction.command_v)
+
+
+def test_another_feedforward_is_refused(default_identification: Identification) -> None:
+    def same(designed: PartDesign) -> PartDesign:
+        return designed
+
+    case = load_cases(["el_centro_low_ff_fb"], (ON,))[0]
+    with pytest.raises(InputError, match=r"friction_compensation: .* parts has another; remove the key"):
+        design_blocks(make_setup(case, parts={"feedforward": same}), default_identification)

@@ -41,7 +41,6 @@ GAIN, LATE, CORNER = "gain of {}", "sampling instant or low pass of {}", "AC cor
 GAINS = "gains of several channels"
 TABLE_GAIN = "gain of the table, or of all sensors"
 DELAY = "delay of the table"
-DYNAMICS = "table's dynamics (delay, poles)"
 CORNERS = "AC corners of all channels"
 INSTANTS = "instants of the converters or of the table's channel"
 FRICTION = "friction"
@@ -190,7 +189,6 @@ def _candidates(
     answer, push = known.loop.rig * command, samples_of_push(known)
     yield TABLE_GAIN, [answer]
     yield DELAY, [-s * answer]
-    yield DYNAMICS, [answer, s * answer, s**2 * answer]
     yield INSTANTS, [-s * answer, ripple]
     yield DISTORTION, [answer, known.loop.rig * _of_series(known, lambda volts: volts**3, command)]
     yield DEAD_BAND, [push * _of_series(known, _smooth_sign, samples[0])]

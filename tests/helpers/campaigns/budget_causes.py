@@ -39,7 +39,6 @@ CAUSES: dict[str, Switched] = {
     "specimen's stiffness -1 %": Switched((f"{CHANGED}specimen_stiffness_factor=0.99",), "specimen's stiffness"),
     "specimen's masses +1 %": Switched((f"{CHANGED}payload_factor=1.01",), "specimen's stiffness, masses"),
     "gain of the table +0.5 %": Switched((f"{PHYSICS}gain_m_per_v=0.0079395",), "gain of the table, or of all"),
-    "slower actuator (2.5 ms)": Switched((f"{PHYSICS}actuator_time_constant_s=0.0025",), "delay"),
     "command 100 us late": Switched((f"{HIDDEN}converters.command_skew_s=1e-4",), "instants of the converters"),
     "gain of table sensor +0.5 %": Switched((f"{HIDDEN}channels.gain_error=[0.005, 0, 0]",), "gain of table ("),
     "gain of floor_2 +0.5 %": Switched((f"{HIDDEN}channels.gain_error=[0, 0.005, 0]",), "gain of floor_2"),

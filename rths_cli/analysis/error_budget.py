@@ -155,7 +155,7 @@ def split(known: Known, signals: Signals) -> Budget:
     """Return the measured error by cause."""
     lines, loop, still = known.lines, known.loop, np.zeros_like(known.ground)
     command = lines.of(signals.command_v) / loop.ahead
-    stored, came = lines.of(signals.corrected), lines.of(_samples(known, signals))
+    stored, came = lines.of(signals.corrected), lines.of(samples_without_gaps(known, signals))
     corrected = stored / loop.ahead
     sim, reported = lines.of(signals.sim), np.vstack([lines.of(signals.computed), stored])
     desired = lines.of_motion(*signals.desired)
@@ -194,7 +194,7 @@ def split(known: Known, signals: Signals) -> Budget:
     return Budget(causes, _errors(known, *measured), _errors(known, *left), *fitted)
 
 
-def _samples(known: Known, signals: Signals) -> Array:
+def samples_without_gaps(known: Known, signals: Signals) -> Array:
     """Return the corrected samples (c, n), with lost ones replaced by the identified rig's response to the commands.
 
     The response is shifted to join the samples before and after the gap.

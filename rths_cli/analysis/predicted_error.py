@@ -20,6 +20,7 @@ from rths_cli.identification.results import Friction
 from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model, hold_size
 from rths_cli.rigs.description import RigInfo
+from rths_cli.structure import Specimen
 
 CAUSES = ("coupling", "latency", "model", "friction", "rounding", "noise", "quantisation")
 SMOOTHED_HZ = 0.5  # width, with the usual band, over which the ratio of measured response to model is averaged
@@ -62,6 +63,7 @@ class Known:
     compensation: FrictionFeedforward | None = None  # that counters friction; None: nothing does
     excess: float = 0.0  # as in IdentifiedRig
     compared: ComparedBand = USUAL  # band in which the model was compared with its data
+    specimen: Specimen | None = None  # as identified
     peaks_m_s2: Array | None = None  # (c,) peaks of SIM's interface and floors at all frequencies; None: not known
     # (k,) rad/s: roots of motions of the loop that do not decay within the padding after the record
     slow_roots: ComplexArray = field(default_factory=lambda: np.zeros(0, dtype=complex))

@@ -296,6 +296,7 @@ def known_of(
         shaped=design.blocks.shaping_step_v > 0.0,
         excess=rig.excess,
         compared=setup.compared,
+        specimen=specimen,
         peaks_m_s2=np.abs(sim.abs_accel_m_s2[interface:]).max(axis=1),
     )
 

@@ -30,6 +30,7 @@ from rths_cli.loop.step_arrays import NUMERICAL, RECORD
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from rths_cli.analysis.error_attribution import Cause
     from rths_cli.analysis.predicted_error import Known as LoopKnown
     from rths_cli.analysis.sim import Response
     from rths_cli.experiment.design import Design
@@ -92,7 +93,8 @@ class Run:
     `building`: motion of the whole building in EXP-RTHS; None in a shake-table test, and if only accelerations are
     needed and all of them are measured. `rest`: channels at rest before and after the run, None if not recorded.
     `drift`: offset, drift and jumps that were removed from `series`. `stopped`: why the run ended before its record
-    did; `late`: what ended it after its record; None: nothing. `metrics` and `remarks` are empty until `evaluated`.
+    did; `late`: what ended it after its record; None: nothing. `metrics`, `remarks` and the
+    `causes` of its error are empty until `evaluated`.
     """
 
     kind: RunKind
@@ -106,6 +108,7 @@ class Run:
     warnings: tuple[str, ...] = ()
     metrics: Values = field(default_factory=dict)
     remarks: Mapping[str, str] = field(default_factory=dict)
+    causes: tuple[Cause, ...] = ()
 
     @property
     def abs_accel_m_s2(self) -> Array | None:
@@ -198,9 +201,13 @@ def evaluated(run: Run, setup: Setup, sim: Response, loop: LoopKnown | None) -> 
     if run.stopped is not None:
         return replace(run, metrics=values)
     values |= metrics_of_record(run, setup, sim)
+    causes: tuple[Cause, ...] = ()
     if run.abs_accel_m_s2 is not None:
-        values |= error_budget_metrics.of_exp_rths(loop, run.series, run.abs_accel_m_s2, sim)
-    return replace(run, metrics=values, remarks=run_metrics.remarks(setup, run.kind.name, run.series.desired[0]))
+        budget, causes = error_budget_metrics.of_exp_rths(loop, run.series, run.abs_accel_m_s2, sim)
+        values |= budget
+    return replace(
+        run, metrics=values, causes=causes, remarks=run_metrics.remarks(setup, run.kind.name, run.series.desired[0])
+    )
 
 
 def metrics_of_record(run: Run, setup: Setup, sim: Response) -> Values:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.experiment import result_contents
+from rths_cli.experiment.error_budget_metrics import told_causes
 from rths_cli.experiment.one_table_run import (
     HYBRID_TEST,
     TABLE_RUNS,
@@ -109,7 +110,10 @@ def play_all(
             run = replace(run, stopped=replace(run.stopped, reason=told))
         write_run(writer, setup, run)
         _note(writer, kind.name, run.stopped)
-        all_of_them = _with(all_of_them, evaluated(run, setup, sim, checked.loop))
+        run = evaluated(run, setup, sim, checked.loop)
+        if causes := told_causes(run.causes):
+            writer.about(causes)
+        all_of_them = _with(all_of_them, run)
         if kind is HYBRID_TEST:
             all_of_them = replace(all_of_them, true_accel=true_accelerations(run, setup))
     return all_of_them

@@ -84,6 +84,12 @@ OF_FILE = (
     AttributeDeclaration("model_source", "text", "where the model of the table comes from, and its age"),
     AttributeDeclaration("model_sha256", "text", "SHA-256 of the table model's numbers"),
     AttributeDeclaration("check_verdict", "text", "of the check before the run: safe, unsafe or unstable"),
+    AttributeDeclaration(
+        "error_causes", "text", "named causes of EXP-RTHS's error, one a line, and their parts of it", present=SINCE_0_2
+    ),
+    AttributeDeclaration(
+        "main_error_cause", "text", "the cause with half of the error's square, empty without one", present=SINCE_0_2
+    ),
     AttributeDeclaration("overrides", "text", "what was overridden: check, model"),
     AttributeDeclaration(
         "units_in_doubt", "text", "key whose value speaks for another unit, empty if none does", present=SINCE_0_2

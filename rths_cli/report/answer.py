@@ -302,7 +302,8 @@ def verdict(result: Result) -> str:
     said += f"(storey {found.storey})"
     if found.ratio is not None:
         said += f" and {three(found.ratio)} of SIM-DELAY's (storey {found.ratio_storey})"
-    said += f", most of it by {CAUSES.get(found.cause, found.cause)}" if found.grade != GOOD and found.cause else ""
+    cause = str(result.attributes.get("main_error_cause", CAUSES.get(found.cause, found.cause)))
+    said += f", most of it by {cause}" if found.grade != GOOD and cause else ""
     said += _true_error(result) or f", {IF_DECLARED}"
     if true := _as_it_is(result, found.percent):
         said += f"; {true}"

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from rths_cli.files.result_reader import Result
-from rths_cli.report.error_budget_table import budget_text
+from rths_cli.report.error_budget_table import budget_text, named_causes
 from rths_cli.report.figure_values import listed
 from rths_cli.report.latency_table import latency_text
 from rths_cli.report.results_by_case import Entry
@@ -46,7 +46,8 @@ def _blocks(result: Result, told: set[str]) -> list[str]:
             told.add(path)
         if latency and path.startswith("latency.") and path.endswith(("_s", "_hz")):
             told.add(path)
-    return [text for text in (causes, latency) if text]
+    named = named_causes(result)
+    return [text for text in (causes, wrapped([named]) if named else "", latency) if text]
 
 
 def _list(entry: Entry, paths: list[str]) -> str:

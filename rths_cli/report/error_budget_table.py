@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rths_cli.files.result_reader import Result
 from rths_cli.report.text_layout import WIDTH, width, wrapped
 
 CAUSES = {
@@ -26,6 +27,12 @@ CAUSES = {
 WORDS = {"check": "pred.", "budget": "meas."}
 LABEL, COLUMN = 18, 10
 Metrics = Mapping[str, ArrayLike]
+
+
+def named_causes(result: Result) -> str:
+    """Return the named causes of the error in one sentence, "" for a result without them."""
+    lines = str(result.attributes.get("error_causes", "")).splitlines()
+    return f"Named causes of the error: {'; '.join(lines)}." if lines else ""
 
 
 def budget_text(metrics: Metrics) -> str:

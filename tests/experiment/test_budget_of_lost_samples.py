@@ -43,7 +43,7 @@ class Ran:
         kept, n = self.series, lost.size
         told = {"late_s": np.zeros(n), "exchange_s": np.zeros(n), "state": np.full(n, float(IN_RUN)), "lost": lost}
         series = replace(kept, measured=kept.measured if measured is None else measured, live=told | live)
-        return error_budget_metrics.of_exp_rths(self.known, series, self.reported(series), self.sim)
+        return error_budget_metrics.of_exp_rths(self.known, series, self.reported(series), self.sim)[0]
 
     def reported(self, series: Series) -> np.ndarray:
         case, motion = self.setup.case, self.setup.motion

@@ -41,7 +41,8 @@ def budget_of(
     series = on_record_clock(outcome, design.blocks.lead_samples, dt, len(setup.motion.time_s))
     reported = whole_building(setup.building, series, setup.motion.accel_m_s2, dt, setup.case.integration)[2]
     sim = simulate(setup.building, dt, setup.motion.accel_m_s2)
-    found = error_budget_metrics.of_exp_rths(judge(setup, believed or identified, design).known, series, reported, sim)
+    known = judge(setup, believed or identified, design).known
+    found, _ = error_budget_metrics.of_exp_rths(known, series, reported, sim)
     return found, sim.abs_accel_m_s2 - reported
 
 
@@ -176,4 +177,4 @@ def test_a_run_that_was_cut_or_a_loop_that_is_unstable_has_no_budget(memory: Mem
     identified = memory.identify(setup, lambda _: None)
     design = design_blocks(setup, identified)
     assert judge(setup, identified, design).known is None
-    assert error_budget_metrics.of_exp_rths(None, None, np.zeros((3, 10)), None) == {}  # type: ignore[arg-type]
+    assert error_budget_metrics.of_exp_rths(None, None, np.zeros((3, 10)), None) == ({}, ())  # type: ignore[arg-type]

@@ -10,10 +10,10 @@ from rths_cli.files.result_reader import Result, read_series
 from rths_cli.loop.lost_samples import without_samples
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities.units import typeset
-from rths_cli.report.error_budget_table import CAUSES
+from rths_cli.report.error_budget_table import CAUSES, named_causes
 from rths_cli.report.figure_values import listed
 from rths_cli.report.latency_table import latency_text
-from rths_cli.report.page.html import Html, element, framed, table
+from rths_cli.report.page.html import Html, element, framed, join, table
 from rths_cli.report.page.paper_tables import as_html
 from rths_cli.report.page.summary import is_virtual
 from rths_cli.report.results_by_case import Entry
@@ -54,7 +54,9 @@ def by_cause(result: Result) -> Html:
     shown = tuple(row for row in rows if any(cell.text != "-" for cell in row.cells))
     virtual = "; virtual" if is_virtual(result) else ""
     title = f"Error by cause (RMS, mm/s^2, test band{virtual})"
-    return as_html(Table(title, "", (len(kinds),) * len(columns), 10, heads, shown))
+    named = named_causes(result)
+    whole = as_html(Table(title, "", (len(kinds),) * len(columns), 10, heads, shown))
+    return join([whole, element("p", named)]) if named else whole
 
 
 def latency(result: Result) -> Html:

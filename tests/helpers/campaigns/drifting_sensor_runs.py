@@ -109,7 +109,7 @@ def played(setup: Setup, memory: Memory, added: Added, seed: int = 0) -> Played:
     true = truth[:, lead : lead + samples]
     return Played(
         rms(reported, lowest), rms(true, lowest), rms(true, 0.0), rms(as_loop, 0.0), found, lead,
-        "", dt * samples, budget.of_exp_rths(checked.loop, series, reported, response),
+        "", dt * samples, budget.of_exp_rths(checked.loop, series, reported, response)[0],
     )  # fmt: skip
 
 

@@ -46,7 +46,7 @@ def test_a_small_motion_with_friction_is_as_accurate_as_one_without(tmp_path: Pa
     # noise in the low-level record counts as friction that is left: the prediction is up to 1.7 times too large
     assert (measured < 1.5 * predicted).all() and (predicted < 2.0 * measured).all()
     # the friction that the budget finds is what the identification found
-    assert abs(float(values["budget.friction_v"]) / float(values["check.friction_v"]) - 1.0) < 0.03
+    assert abs(float(values["budget.friction_v"]) / float(values["check.friction_v"]) - 1.0) < 0.05
     assert (np.asarray(values["budget.rms_error_friction_m_s2"]) < 0.04 * late).all()
     assert (np.asarray(values["budget.rms_error_rounding_m_s2"]) < 0.04 * late).all()
 

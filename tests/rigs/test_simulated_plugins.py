@@ -193,7 +193,5 @@ def test_a_run_on_it_keeps_its_truth_and_states_true_errors(
         error = sosfiltfilt(butter(4, 12.0, fs=1000.0, output="sos"), accel - sim)
         stated = file["metrics/exp_rths/rms_error_m_s2_true"][()]
         assert "exp_rths/true_reference_rms_error_m_s2" not in file["metrics"]
-        off = file["exp_rths/interface_accel_measured_m_s2"][()] - accel[0]
     assert np.sqrt(np.mean(error**2, axis=1)) == pytest.approx(stated, rel=0.02)
     assert stated.max() < 0.05 * np.abs(sim).max()
-    assert np.linalg.norm(off) < 0.03 * np.linalg.norm(accel[0])

@@ -20,6 +20,7 @@ from pydantic import BaseModel
 from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.rig_schema import KINDS, PluginRigSpec
 from rths_cli.case.storey_law_schema import KINDS as LAWS
+from rths_cli.case.virtual_imperfections_schema import Values
 from rths_cli.cli import cli
 from rths_cli.loop.run_log import Sizes, column_names, column_units
 from rths_cli.quantities import ATTRIBUTES, AXES, BLOCKS
@@ -90,7 +91,8 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> set[str]:
     found = {prefix + key for key in model.model_fields}
     for key, field in model.model_fields.items():
         for mark, inner in models_in(field.annotation):
-            found |= keys_of(inner, f"{prefix}{key}{mark}")
+            if inner is not Values:  # one value, a list or a distribution: the key's own row tells how to state it
+                found |= keys_of(inner, f"{prefix}{key}{mark}")
     return found
 
 

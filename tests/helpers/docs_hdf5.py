@@ -45,7 +45,9 @@ def _result() -> Iterator[str]:
     yield _attributes(OF_FILE)
     yield "For each run RUN on the table (`shake_table`, `exp_rths`):"
     yield _attributes(OF_RUN)
-    declared = {group: list(members) for group, members in groupby(declared_datasets(), key=lambda one: one.group)}
+    declared: dict[str, list[DatasetDeclaration]] = {}
+    for one in declared_datasets():
+        declared.setdefault(one.group, []).append(one)
     for group, about in GROUPS.items():
         yield f"## `/{group}`"
         yield about

@@ -153,7 +153,8 @@ def _type(field: Schema, definitions: Schema) -> tuple[str, str]:
     parts = [part for part in field.get("anyOf", field.get("oneOf", [field])) if part.get("type") != "null"]
     told = [_one_type(part, definitions) for part in parts]
     kinds, limits = (list(dict.fromkeys(entry for entry in column if entry)) for column in zip(*told, strict=True))
-    return " or ".join(kinds), " or ".join(limits)
+    once = [one for one in limits if not any(other.startswith(f"{one}; ") for other in limits)]  # of a list, too
+    return " or ".join(kinds), " or ".join(once)
 
 
 def _one_type(part: Schema, definitions: Schema) -> tuple[str, str]:

@@ -49,7 +49,7 @@ def compile_the_loops() -> None:
     rig = VirtualRig(info, build_plant(info, VirtualPhysics(), specimen(), 3e-4), (1, 3))
     samples, noise = np.zeros(len(info.channels)), rig.noise(51)
     simulated_time_run.run_virtual.bind(
-        rig.plant, rig.state, *step, run.drive, 50, noise, run.log, np.zeros((0, samples.size)), scratch
+        rig.plant, rig.state, *step, run.drive, 50, noise, run.log, np.zeros((0, samples.size)), samples, scratch
     )
     simulated_time_run.watch_virtual.bind(rig.plant, rig.state, noise, noise.copy())
     simulated_time_run.think_once.bind(*step, run.drive, 50, run.log, scratch)

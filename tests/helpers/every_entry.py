@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import socket
+from dataclasses import replace
 
 import numpy as np
 from bench import DT_S, rig_info, specimen
@@ -16,6 +17,7 @@ from rths_cli.analysis.nonlinear_sim_delay import simulate_delayed_with_laws
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import load_cases
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
+from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.experiment.serve_command import describe, make_table
 from rths_cli.loop import realtime_loop, realtime_run, simulated_time_run, udp_target
 from rths_cli.loop.block_replay import run_block
@@ -56,6 +58,11 @@ def compile_the_loops() -> None:
     plant_kernel.hold_interval.bind(rig.plant, rig.state, np.zeros(1))
     plant_kernel.read_samples.bind(rig.plant, rig.state, samples, samples.copy())
     realtime_loop.conduct_once.bind(run.course, *step, run.drive, run.log, samples)
+    counters = FrictionFeedforward(blocks.feedforward.linearised(), 0.02, 0.004, 25.0, 0.003, left=0.0)
+    other = realtime_run.prepare(info, replace(blocks, feedforward=counters), NUMERICAL, drive, open_limits(info))
+    realtime_loop.conduct_once.bind(
+        other.course, other.step, other.limits, other.guard, other.drive, other.log, samples
+    )
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nowhere:
         there = link.fresh_link(nowhere, np.zeros(2, np.uint64), samples.size)
         realtime_loop.run_udp.bind(there, run.course, *step, run.drive, run.log, True)

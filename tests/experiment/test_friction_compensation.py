@@ -43,8 +43,8 @@ def test_a_small_motion_with_friction_is_as_accurate_as_one_without(tmp_path: Pa
     measured = np.asarray(values["exp_rths.rms_error_m_s2"])
     assert (measured / late).max() < 0.05  # 0.137 without
     predicted = np.asarray(values["check.rms_error_m_s2"])
-    # of the table's samples too much rounding error is expected in the test band: docs/background/control.md
-    assert (measured < 1.5 * predicted).all() and (predicted < 2.0 * measured).all()
+    # it is the rounding of samples, which the command's own rounding dithers on the table
+    assert (measured < 1.5 * predicted).all() and (predicted < 1.5 * measured).all()
     # the friction that the budget finds is what the identification found
     assert abs(float(values["budget.friction_v"]) / float(values["check.friction_v"]) - 1.0) < 0.05
     assert (np.asarray(values["budget.rms_error_friction_m_s2"]) < 0.04 * late).all()

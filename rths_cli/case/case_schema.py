@@ -220,6 +220,11 @@ class KalmanSpec(Strict):
         description="corner up to which method best takes what the filter leaves unexplained from the measured base "
         "shear; default: 10/3 of test_band_hz",
     )
+    choice: Literal["automatic", "stated"] = Field(
+        default="automatic",
+        description="automatic: where noise and rounding of the samples would be most of the error, the check chooses a "
+        "smaller q and residual_hz; stated: these values; default: stated where q or residual_hz is stated",
+    )
 
 
 class GradeLimitsSpec(Strict):

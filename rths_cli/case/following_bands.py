@@ -45,6 +45,16 @@ def expand_test_band(children: dict[str, Node], faults: list[Fault], lost: set[s
             _fill(children, key, name, spec.model_fields[name].default, node, band_hz)
 
 
+def expand_filter_choice(children: dict[str, Node]) -> None:
+    """Let a case that states weights of the floor filter have these; call it before the bands are filled in."""
+    options = children.get("kalman")
+    if options is not None and isinstance(options.value, dict):
+        stated = {"q", "residual_hz"} & set(options.value)
+        if stated and "choice" not in options.value:
+            choice = Node("stated", options.mark, options.key_mark)
+            children["kalman"] = replace(options, value={**options.value, "choice": choice})
+
+
 def _fill(
     children: dict[str, Node], key: str, name: str, usual: float | tuple[float, ...], beside: Node, band_hz: float
 ) -> None:

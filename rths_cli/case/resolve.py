@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rths_cli.case.field_types import near
-from rths_cli.case.following_bands import expand_test_band
+from rths_cli.case.following_bands import expand_filter_choice, expand_test_band
 from rths_cli.case.named_files import find
 from rths_cli.case.real_rig_overrides import is_real, made_real, over_real_rig, set_inside
 from rths_cli.case.yaml_reader import parse, read_file
@@ -96,6 +96,7 @@ def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:
         if key in children:
             children[key] = _long_form(children[key], SHORT_FORMS[key])
     _expand_damping(children, faults, lost)
+    expand_filter_choice(children)
     expand_test_band(children, faults, lost)
     _expand_real_rig(children, faults)
     _expand_file(children, ("record", "file"), "records", faults)

@@ -158,6 +158,9 @@ class UncertaintySpec(Strict):
     drift: Annotated[float, Range(ge=0, le=0.1)] = Field(
         default=0.0005, description="of a sensitivity, relative, from the identification to the test"
     )
+    specimen: Annotated[float, Range(ge=0, le=0.5)] = Field(
+        default=0.005, description="of the specimen's stiffness, relative, from the identification to the test"
+    )
 
 
 EXACT = UncertaintySpec(corner=0.0, skew_s=0.0, mass=0.0, drift=0.0)

@@ -50,7 +50,7 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
     if "numerical" in setup.parts:
         found.append(_of_own_storeys(setup))
     if design is not None:
-        found += [*slower_feedback(setup, design), *chosen_feedback(design)]
+        found += [*slower_feedback(setup, design), *chosen_feedback(design), *chosen_filter(design)]
         found += friction_not_countered(setup, design, identified)
     if identified is not None:
         found += identified.warnings
@@ -148,6 +148,18 @@ def chosen_feedback(design: Design) -> list[str]:
         f"controller: the usual feedback {fault if design.chosen.usual_of_use else 'is of no use on this table'}; "
         f"chosen instead: disturbance_hz: [{low:g}, {high:g}], command_weight: {weights.command_weight:g}, "
         f"max_sensitivity: {design.chosen.max_sensitivity:g}; state disturbance_hz or command_weight to choose yourself"
+    ]
+
+
+def chosen_filter(design: Design) -> list[str]:
+    """Return a sentence if another filter than the usual one was chosen."""
+    if design.chosen_filter is None:
+        return []
+    q, residual_hz = design.chosen_filter.q, design.chosen_filter.residual_hz
+    return [
+        "kalman: noise and rounding of the samples would be most of the error, so the base shear is taken from the "
+        f"identified specimen more than from the measured floors: q: {q:g}, residual_hz: {residual_hz:.3g}; a specimen "
+        "that changes between identification and test costs more so; state q or residual_hz to choose yourself"
     ]
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis import stability_check as preflight
+from rths_cli.analysis.changed_specimen import error_if_changed
 from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, loop_roots, modes_in_loop, slow_roots
 from rths_cli.analysis.closed_loop_response import loop_response
 from rths_cli.analysis.critical_delay import critical_delay
@@ -171,11 +172,23 @@ def _true_error(
     building = at_rest(as_identified(setup, _specimen(identified)))
     corners = np.array([channel.high_pass_hz if setup.removes_sensors else 0.0 for channel in setup.rig.channels])
     by_calibration = sensitivities(building, known.lines, known.sim, corners)
-    loop = prediction.total.storeys
+    changed = changed_specimen_error(setup, identified, known, prediction)
+    loop = np.hypot(prediction.total.storeys, changed)
     drift = np.zeros(len(calibration.covariance))
     drift[: len(calibration.gain)] = setup.rig.uncertainty.drift**2
     calibration = replace(calibration, covariance=calibration.covariance + np.diag(drift))
     return true_error(by_calibration, calibration, loop), best_remedy(by_calibration, calibration, loop)
+
+
+def changed_specimen_error(setup: Setup, identified: Identification, known: Known, prediction: Prediction) -> Array:
+    """Return the RMS error (n_storeys,) if the specimen is as stiff as its uncertainty permits: that of the identified
+    stiffness, twice, and what it may change by until the test."""
+    fit = identified.specimen
+    assert fit is not None  # every case has experimental storeys
+    error = float(np.max(fit.stiffness_error_n_per_m / fit.stiffness_n_per_m))
+    change = float(np.hypot(setup.rig.uncertainty.specimen, 2.0 * error))
+    building = at_rest(as_identified(setup, fit.specimen))
+    return error_if_changed(known, building, prediction.nominal.corrected[0], change)
 
 
 def _declared_wrong(setup: Setup, whole: Building, known: Known, shared: SharedValues) -> Array:

@@ -16,6 +16,7 @@ from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.check import judge
 from rths_cli.experiment.check_metrics import check_figures
 from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.filter_choice import choose_filter
 from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
@@ -23,6 +24,7 @@ from rths_cli.experiment.setup import make_setups, shown
 from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
+from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -36,7 +38,6 @@ if TYPE_CHECKING:
     from rths_cli.experiment.model_choice import Known
     from rths_cli.experiment.setup import OwnSamples, Progress, Setup
     from rths_cli.numerics.lti import Block
-    from rths_cli.numerics.shared_values import SharedValues
     from rths_cli.quantities import Values
 
 
@@ -132,6 +133,9 @@ def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, sha
     chosen = design
     try:
         judged = interruptible(lambda: judge(setup, known.found, chosen, shared))
+        design, judged = interruptible(
+            lambda: choose_filter(setup, known.found, chosen, judged, shared or SharedValues())
+        )
     except InputError as error:
         return Verdict(UNSAFE, faults or error.faults, design, {})
     found = judged.preflight

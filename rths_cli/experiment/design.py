@@ -28,6 +28,7 @@ from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
     from rths_cli.analysis.stability_check import Fault
+    from rths_cli.case.case_schema import KalmanSpec
     from rths_cli.control.interface import InterfaceForce
     from rths_cli.experiment.feedback_choice import Chosen
     from rths_cli.experiment.setup import Setup
@@ -46,6 +47,7 @@ class Design:
     feedback: feedback.Feedback | None  # with its margins; None without feedback
     shear_now: InterfaceForce  # weights of the base shear at the instant of the samples, without prediction
     chosen: Chosen | None = None  # weights chosen instead of the default ones; None: default or stated weights
+    chosen_filter: KalmanSpec | None = None  # chosen instead of the usual filter; None: usual or stated
 
 
 def design_blocks(setup: Setup, identified: Identification, shared: SharedValues | None = None) -> Design:

@@ -208,6 +208,9 @@ def design_figures(setup: Setup, identified: Identification, design: Design) -> 
         values["feedback.chosen_disturbance_high_hz"] = high
         values["feedback.chosen_command_weight"] = design.chosen.weights.command_weight
         values["feedback.chosen_max_sensitivity"] = design.chosen.max_sensitivity
+    if design.chosen_filter is not None:
+        values["controller.chosen_kalman_q"] = design.chosen_filter.q
+        values["controller.chosen_kalman_residual_hz"] = design.chosen_filter.residual_hz
     return values | _latency_figures(setup, identified, design) if design.blocks.judged else values
 
 

@@ -376,6 +376,9 @@ def _of_loop() -> Iterator[Quantity]:
     yield Quantity("feedback.chosen_disturbance_high_hz", "Hz", "", NONE, f"upper end of disturbance_hz, {instead}")
     yield Quantity("feedback.chosen_command_weight", "1", "", NONE, f"command_weight, {instead}")
     yield Quantity("feedback.chosen_max_sensitivity", "1", "", NONE, f"max_sensitivity, {instead}")
+    instead = "chosen where noise and rounding of the samples would be most of the error"
+    yield Quantity("controller.chosen_kalman_q", "1", "", NONE, f"q with the stated r, {instead}")
+    yield Quantity("controller.chosen_kalman_residual_hz", "Hz", "", NONE, f"residual_hz, {instead}")
     step = "bit to which commands are rounded, the error carried over (0: not)"
     yield Quantity("controller.rounding_step_v", "V", "", NONE, step)
     yield Quantity("latency.frequency_hz", "Hz", "frequency", NONE, "frequencies of the latency budget")

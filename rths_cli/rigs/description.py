@@ -90,13 +90,14 @@ class Limits:
 @dataclass(frozen=True)
 class Uncertainty:
     """Standard uncertainties of what a laboratory declares beside sensitivities: AC corners and weighed masses relative
-    to their values, the instants at which channels are sampled in s, and the relative drift of a sensitivity from the
-    identification to the test. 0: exactly as declared."""
+    to their values, the instants at which channels are sampled in s, and the relative changes of a sensitivity and of
+    the specimen's stiffness from the identification to the test. 0: exactly as declared."""
 
     corner: float = 0.1
     skew_s: float = 25e-6
     mass: float = 0.003
     drift: float = 0.0005
+    specimen: float = 0.005
 
     @property
     def any(self) -> bool:

@@ -1,4 +1,4 @@
-"""The error of a hybrid test whose specimen is not quite the identified one: the control was designed for the latter."""
+"""The error of a hybrid test whose specimen is not quite the identified one, for which the control was designed."""
 
 from __future__ import annotations
 

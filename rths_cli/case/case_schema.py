@@ -222,8 +222,8 @@ class KalmanSpec(Strict):
     )
     choice: Literal["automatic", "stated"] = Field(
         default="automatic",
-        description="automatic: where noise and rounding of the samples would be most of the error, the check chooses a "
-        "smaller q and residual_hz; stated: these values; default: stated where q or residual_hz is stated",
+        description="automatic: where noise and rounding of the samples would be most of the error, the check chooses "
+        "a smaller q and residual_hz; stated: these values; default: stated where q or residual_hz is stated",
     )
 
 

@@ -40,7 +40,8 @@ def choose_filter(
     """Return the design with the filter that is expected to have the smallest error, and the check of it.
 
     `design` and `judged` are those of the usual filter. They are returned where the case leaves no choice, where noise
-    and rounding of the samples are not most of the predicted error, and where no filter of TRUSTING is better and as safe.
+    and rounding of the samples are not most of the predicted error, and where no filter of TRUSTING is better and as
+    safe.
     """
     if not _leaves_choice(setup) or judged.known is None:
         return design, judged

@@ -1,5 +1,5 @@
-"""The filter of the floors that a case gets: the usual one, or one that trusts the identified specimen where the rounding
-of the samples would be most of the error."""
+"""The filter of the floors that a case gets: the usual one, or one that trusts the identified specimen where the
+rounding of the samples would be most of the error."""
 
 from __future__ import annotations
 

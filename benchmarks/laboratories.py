@@ -97,7 +97,8 @@ def deviations(setup: Setup, found: Identification) -> dict[str, list[float]]:
         setup.case, setup.rig, (setup.case.identification.seed, *RUN)
     )
     channels, calibration = setup.rig.channels, found.calibration
-    c = len(channels)
+    c = len(channels)  # the values of further channels stand behind those of the accelerometers
+    values = {key: value[:c] if key.startswith("channels.") else value for key, value in values.items()}
     lag_s = np.array([1.0 / (2.0 * np.pi * channel.low_pass_hz) for channel in channels])
     lags = -values["channels.skew_s"] + lag_s * (1.0 / (1.0 + values["channels.low_pass_error"]) - 1.0)
     gains = values["channels.gain_error"] + values["channels.gain_change_between_runs"]

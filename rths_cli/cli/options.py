@@ -89,7 +89,17 @@ def methods_option(more: str) -> Callable[[F], F]:
 
 def overrides_option(choices: Sequence[str], about: str) -> Callable[[F], F]:
     """Add --override, repeatable: the one option that goes on against a refusal."""
-    return click.option("--override", "overrides", multiple=True, type=click.Choice(choices), help=about)
+    return click.option("--override", "overrides", multiple=True, type=Overridden(choices), help=about)
+
+
+class Overridden(click.Choice[str]):
+    """What is gone on against; whoever gives a setting of the case instead is told where it belongs."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return one of the choices; raises BadParameter for anything else."""
+        if isinstance(value, str) and "=" in value:
+            self.fail(f"{value!r} is a setting; give it as --set {value}", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 def yes_option(command: F) -> F:

@@ -139,3 +139,9 @@ def test_no_text_becomes_a_formula_and_numbers_stay() -> None:
     (back,) = csv.reader(io.StringIO(file.getvalue(), newline=""))
     assert [cell[:1] for cell in back] == ["'", "'", "'", "'", "'", "'", "a", "", "'"]
     assert [cell.removeprefix("'") for cell in back] == texts
+
+
+def test_a_setting_given_as_an_override_is_told_where_it_belongs() -> None:
+    line = ["run", "el_centro_low_ff", "--override", "controller=FF"]
+    refused = CliRunner().invoke(cli, line, standalone_mode=False).exception
+    assert isinstance(refused, click.BadParameter) and "give it as --set controller=FF" in refused.format_message()

@@ -306,7 +306,7 @@ def known_of(
         ground=ground,
         sim=sim_lines(building, lines, ground[0]),
         velocity_m_s=sim.rel_vel_m_s[interface] + motion.velocity_m_s,
-        noise_m_s2=_before_correction(identified, design.blocks.correction, setup.rig),
+        noise_m_s2=_before_correction(identified, design.blocks.correction, setup),
         rig=setup.rig,
         correction=design.blocks.correction,
         shaped=design.blocks.shaping_step_v > 0.0,
@@ -317,10 +317,16 @@ def known_of(
     )
 
 
-def _before_correction(identified: Identification, correction: Block, rig: RigInfo) -> Array:
-    """Return the channels' noise (c,) at rest in m/s^2 before the sensor correction, which amplifies white noise."""
+def _before_correction(identified: Identification, correction: Block, setup: Setup) -> Array:
+    """Return the channels' noise (c,) at rest in m/s^2 before the sensor correction, which amplifies white noise.
+
+    A mains hum above the test band is left out: it is no part of the noise in the band.
+    """
+    rig, band_hz = setup.rig, setup.case.test_band_hz
     frequency = np.linspace(NOISE_FROM_HZ, 0.5 / rig.dt_s, NOISE_POINTS)
     sizes = np.array([channel.sensitivity_v_per_unit for channel in rig.channels])
     louder = np.abs(np.einsum("ccf->cf", correction.response(frequency)) * sizes[:, None])
     at_rest = np.array([channel.rest_rms_m_s2 or 0.0 for channel in identified.channels])
+    hum = np.array([channel.hum_m_s2 if channel.hum_hz > band_hz else 0.0 for channel in identified.channels])
+    at_rest = np.sqrt(np.maximum(at_rest**2 - 0.5 * hum**2, 0.0))
     return at_rest / np.sqrt(np.mean(louder**2, axis=1))

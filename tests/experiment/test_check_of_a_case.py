@@ -109,6 +109,21 @@ def test_a_prediction_knows_nothing_of_the_declared_specimen(
     assert found[0].loop.loop.tobytes() == found[1].loop.loop.tobytes()
 
 
+def test_mains_hum_above_the_test_band_is_no_noise_in_it(
+    default_setup: Setup, default_identification: Identification
+) -> None:
+    """A sine of amplitude a adds a^2 / 2 to the mean square at rest."""
+    quiet = of_the_default(default_setup, default_identification).noise_m_s2
+    for hz, counted in ((50.0, 0.0), (8.0, 1.0)):
+        humming = tuple(
+            replace(c, rest_rms_m_s2=float(np.hypot(c.rest_rms_m_s2, 0.03 / np.sqrt(2.0))), hum_m_s2=0.03, hum_hz=hz)
+            for c in default_identification.channels
+        )
+        noise = of_the_default(default_setup, replace(default_identification, channels=humming)).noise_m_s2
+        loud = counted * np.array([0.03 / np.sqrt(2.0) / c.rest_rms_m_s2 for c in default_identification.channels])
+        assert_allclose(noise / quiet, np.hypot(1.0, loud), rtol=1e-9)
+
+
 def test_the_prediction_is_near_what_a_run_measures(
     default_setup: Setup, default_identification: Identification
 ) -> None:

@@ -113,15 +113,19 @@ def test_mains_hum_above_the_test_band_is_no_noise_in_it(
     default_setup: Setup, default_identification: Identification
 ) -> None:
     """A sine of amplitude a adds a^2 / 2 to the mean square at rest."""
-    quiet = of_the_default(default_setup, default_identification).noise_m_s2
-    for hz, counted in ((50.0, 0.0), (8.0, 1.0)):
-        humming = tuple(
-            replace(c, rest_rms_m_s2=float(np.hypot(c.rest_rms_m_s2, 0.03 / np.sqrt(2.0))), hum_m_s2=0.03, hum_hz=hz)
+
+    def noise(hum_hz: float) -> np.ndarray:
+        hum = 0.03 if hum_hz else 0.0
+        reports = tuple(
+            replace(c, rest_rms_m_s2=float(np.hypot(0.005, hum / np.sqrt(2.0))), hum_m_s2=hum, hum_hz=hum_hz)
             for c in default_identification.channels
         )
-        noise = of_the_default(default_setup, replace(default_identification, channels=humming)).noise_m_s2
-        loud = counted * np.array([0.03 / np.sqrt(2.0) / c.rest_rms_m_s2 for c in default_identification.channels])
-        assert_allclose(noise / quiet, np.hypot(1.0, loud), rtol=1e-9)
+        return of_the_default(default_setup, replace(default_identification, channels=reports)).noise_m_s2
+
+    quiet = noise(0.0)
+    assert (quiet > 0.0).all()
+    assert_allclose(noise(50.0), quiet, rtol=1e-9)
+    assert_allclose(noise(8.0), quiet * np.hypot(1.0, 0.03 / np.sqrt(2.0) / 0.005), rtol=1e-9)
 
 
 def test_the_prediction_is_near_what_a_run_measures(

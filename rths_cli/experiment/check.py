@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from rths_cli.experiment.tangent_verdicts import TangentVerdict
     from rths_cli.identification.results import Identification
     from rths_cli.numerics.lti import Array, Block
-    from rths_cli.rigs.description import RigInfo
     from rths_cli.structure import Specimen
 
 RINGS = 7.0  # time constants after which a motion has decayed

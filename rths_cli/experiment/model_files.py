@@ -41,6 +41,10 @@ HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
     "sensors": LEVELS,
     "channels": {"__all__": LEVELS},
     "imperfections": {"laboratory"},
+    "calibration": {
+        **dict.fromkeys(("made_utc", "by", "model", "masses"), True),
+        "channels": {"__all__": {"sensitivity_uncertainty", "joint_uncertainty"}},
+    },
 }
 
 

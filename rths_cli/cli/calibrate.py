@@ -1,0 +1,74 @@
+"""`rths calibrate`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from rths_cli.cli.command_group import cli
+from rths_cli.cli.options import FILE, json_option, settings_option
+from rths_cli.cli.terminal import show_page
+
+
+@cli.command()
+@click.argument("case")
+@click.option("--output", required=True, type=FILE, metavar="FILE", help="File to write; one that exists is refused.")
+@click.option(
+    "--model", type=FILE, metavar="FILE", help="Model of this rig (rths identify), for the ratios of sensors."
+)
+@click.option(
+    "--sensitivity",
+    "sensitivities",
+    multiple=True,
+    metavar="NAME=V+-U",
+    help="A sensor compared with a standard: table=0.1021+-0.0002 in V per m/s^2, m, N or 1, or +-0.2%. Repeatable.",
+)
+@click.option(
+    "--mass", "masses", multiple=True, metavar="NAME=M+-U", help="A floor weighed: floor_2=6.93+-0.007. Repeatable."
+)
+@click.option("--by", default="", metavar="NAME", help="Who measured; kept in the file.")
+@click.option("--yes", is_flag=True, help="Ask nothing: what is not given was not measured.")
+@settings_option
+@json_option
+def calibrate(
+    case: str,
+    output: Path,
+    model: Path | None,
+    sensitivities: tuple[str, ...],
+    masses: tuple[str, ...],
+    by: str,
+    yes: bool,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Write the calibration file of a rig from comparisons of its sensors, weighed floors and an identified model.
+
+    The rig file names it under `calibration`. On a terminal you are asked for what is not given. Before: rths doctor
+    --channels --push --move tells zeros and signs.
+
+    Example: rths calibrate el_centro_low_ff_fb --set table=aps400_laboratory --sensitivity table=0.1021+-0.2% --output
+    aps400.yaml
+    """
+    from rths_cli.experiment.calibrate_command import CalibrateRequest, calibrate_rig
+    from rths_cli.report.calibration_page import document, page
+
+    asks = not (yes or as_json) and sys.stdin is not None and sys.stdin.isatty()
+    asked = CalibrateRequest(case, output, model, sensitivities, masses, by, settings)
+    made = calibrate_rig(asked, _ask if asks else None)
+    if as_json:
+        click.echo(json.dumps(document(made), indent=2))
+    else:
+        show_page(lambda: page(made))
+    return 0
+
+
+def _ask(option: str, name: str, declared: float, uncertainty: float, unit: str) -> str:
+    """Return what a person measured, as text; "" for nothing."""
+    what = "mass" if option == "--mass" else "sensitivity"
+    question = (
+        f"{what} of {name}, {declared:.6g} {unit} +- {100.0 * uncertainty:.2g} %; measured (VALUE+-U, Enter: not)"
+    )
+    return str(click.prompt(question, default="", show_default=False, err=True))

@@ -29,6 +29,7 @@ NEEDS_A_RIG = "moves a rig behind UDP, or measures the machine, in real time; te
 OTHERS_LEFT_OUT = {
     "howto/realtime.md": ("rths", NEEDS_A_RIG),
     "howto/rehearse.md": ("rths", NEEDS_A_RIG),
+    "background/imperfections.md": ("imperfections", "a study of the source tree that takes hours"),
     "howto/recovery.md": ("rths recover", "needs the log of a killed process; tests/experiment/test_kill.py makes one"),
     "howto/identify.md": (
         "--data",

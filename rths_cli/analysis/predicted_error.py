@@ -23,6 +23,7 @@ from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Specimen
 
 CAUSES = ("coupling", "latency", "model", "friction", "rounding", "noise", "quantisation")
+SHAKEN_POINTS = 400  # up to half the sample rate
 SMOOTHED_HZ = 0.5  # width, with the usual band, over which the ratio of measured response to model is averaged
 
 
@@ -178,6 +179,8 @@ def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
     corrected = np.einsum("ccm->cm", known.correction.response(lines.frequency_hz[1:])) * sizes[:, None]
     corrected = np.concatenate([np.zeros((len(sizes), 1)), corrected], axis=1)
     noise, bits = white_noise_m_s2(known), bit / sizes
+    dither = noise.copy()  # spreads the samples' rounding errors over all frequencies
+    dither[0] = np.hypot(noise[0], _shaken_m_s2(known))
     series = lines.series(nominal.corrected)
     powers = {cause: np.zeros(len(nominal.storeys) + 1) for cause in ("noise", "quantisation", "rounding")}
     for channel in range(len(sizes)):
@@ -185,7 +188,7 @@ def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
         unit[channel] = corrected[channel]
         density = _density(known, hybrid(known.loop, np.zeros_like(known.ground), unit))
         rounded = rounding_power(
-            lines.frequency_hz, series[channel], lines.reduced_dt_s, bits[channel], noise[channel], dt
+            lines.frequency_hz, series[channel], lines.reduced_dt_s, bits[channel], dither[channel], dt
         )
         powers["noise"] += noise[channel] ** 2 * density.sum(axis=1)
         powers["quantisation"] += density @ rounded[1:]
@@ -200,6 +203,20 @@ def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
     )
     powers["rounding"] += _density(known, moved) @ rounded[1:]
     return powers
+
+
+def _shaken_m_s2(known: Known) -> float:
+    """Return the rms of the table's acceleration above the lines that the rounding of a noise-shaped command causes.
+
+    The table is its model there, also above the model's band.
+    """
+    if not known.shaped:
+        return 0.0
+    dt = known.rig.dt_s
+    f = np.linspace(known.lines.highest_hz, 0.5 / dt, SHAKEN_POINTS)
+    size = np.abs(known.model.response(f) * 2.0 * np.sin(np.pi * f * dt)) ** 2
+    bit = known.rig.converters.step_v
+    return float(np.sqrt(bit**2 / 12.0 * 2.0 * dt * np.trapezoid(size, f)))
 
 
 def white_noise_m_s2(known: Known) -> Array:

@@ -159,9 +159,12 @@ class UncertaintySpec(Strict):
         default=25e-6, description="of the instant at which a channel is sampled, its low pass included"
     )
     mass: Annotated[float, Range(ge=0, le=0.1)] = Field(default=0.003, description="of a weighed floor mass, relative")
+    drift: Annotated[float, Range(ge=0, le=0.1)] = Field(
+        default=0.0005, description="of a sensitivity, relative, from the identification to the test"
+    )
 
 
-EXACT = UncertaintySpec(corner=0.0, skew_s=0.0, mass=0.0)
+EXACT = UncertaintySpec(corner=0.0, skew_s=0.0, mass=0.0, drift=0.0)
 DECLARED = "standard uncertainties of what is declared; what the identification shows better, it corrects"
 
 

@@ -64,6 +64,14 @@ def compliance(model: Model, specimen: Specimen) -> Compliance:
     return Compliance(rho, slope / rho, misfit)
 
 
+def force_lag_s(model: Model, specimen: Specimen) -> float:
+    """Return by how much a force on the table is early against a command; 0 where the table does not show it."""
+    try:
+        return compliance(model, specimen).lag_s
+    except InputError:
+        return 0.0
+
+
 def reaction_block(specimen: Specimen, table: Compliance, delay_s: float, corner_hz: float, dt_s: float) -> Block:
     """Return the block from corrected accelerations (table, floors) to the command that counters the part of the
     specimen's reaction which the identified specimen does not explain.

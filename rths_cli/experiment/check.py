@@ -172,6 +172,9 @@ def _true_error(
     corners = np.array([channel.high_pass_hz if setup.removes_sensors else 0.0 for channel in setup.rig.channels])
     by_calibration = sensitivities(building, known.lines, known.sim, corners)
     loop = prediction.total.storeys
+    drift = np.zeros(len(calibration.covariance))
+    drift[: len(calibration.gain)] = setup.rig.uncertainty.drift**2
+    calibration = replace(calibration, covariance=calibration.covariance + np.diag(drift))
     return true_error(by_calibration, calibration, loop), best_remedy(by_calibration, calibration, loop)
 
 

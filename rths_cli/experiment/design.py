@@ -123,18 +123,11 @@ def _feedforward(
     if not counters_friction(setup.case) or friction is None or not friction.shown:
         return block
     delay_s, dt_s = model.delay_s, setup.rig.dt_s
-    lead_s = friction_compensation.compensation_lead_s(delay_s, _lag_s(model, _specimen(identified)), lead, dt_s)
+    lag_s = reaction.force_lag_s(model, _specimen(identified))
+    lead_s = friction_compensation.compensation_lead_s(delay_s, lag_s, lead, dt_s)
     return friction_compensation.FrictionFeedforward(
         block, friction.command_v, friction.scale_m_s, friction.linear_s_per_m, lead_s, friction.left
     )
-
-
-def _lag_s(model: Model, specimen: Specimen) -> float:
-    """Return by how much a force on the table is early against a command; 0 where the table does not show it."""
-    try:
-        return reaction.compliance(model, specimen).lag_s
-    except InputError:
-        return 0.0
 
 
 def _linear_feedforward(setup: Setup, identified: Identification, model: Model, lead: int) -> Block:

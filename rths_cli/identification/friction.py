@@ -72,17 +72,19 @@ def estimate(records: Sequence[Record], model: Model, info: RigInfo, compared: C
 
 
 def tried_on(
-    friction: Friction, quiet: Record, model: Model, info: RigInfo, compared: ComparedBand = USUAL
+    friction: Friction, quiet: Record, model: Model, lag_s: float, info: RigInfo, compared: ComparedBand = USUAL
 ) -> Friction:
     """Return friction with the fraction of a record's residual that it removes, a record that the fit did not use.
 
-    Nothing is fitted: kappa, v_s and the linear part that the model contains are those found at full level. A table
-    whose friction has another shape (presliding, Stribeck) shows it at the low level. The actuator's lag is left out,
-    which is 0.3 % of the power at 6 Hz and 1.5 ms. Unchanged if the record is shorter than a stretch.
+    Nothing is fitted: kappa, v_s and the linear part that the model contains are those found at full level, and
+    friction is early by the actuator's `lag_s` as where it is countered. A table whose friction has another shape
+    (presliding, Stribeck) shows it at the low level. Unchanged if the record is shorter than a stretch.
     """
     x = _spectra(quiet, model, info, padded(len(quiet.command_v), info.dt_s), compared)
     acting = np.fft.rfft(friction.disturbance_v(x.velocity_m_s))[: len(x.s)] / len(x.velocity_m_s)
-    lines = _stretch_lines([x], [np.array([x.residual, x.residual - x.through * acting])], compared.hz)
+    lines = _stretch_lines(
+        [x], [np.array([x.residual, x.residual - x.through * np.exp(lag_s * x.s) * acting])], compared.hz
+    )
     if not len(lines):
         return friction
     before, left = np.sum(np.abs(lines) ** 2, axis=(0, 2))

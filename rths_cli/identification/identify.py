@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rths_cli.control.reaction import force_lag_s
 from rths_cli.control.sensor_correction import recorrected
 from rths_cli.identification import (
     channel_responses,
@@ -182,7 +183,8 @@ def _identification(
     clean, best, compared = table.fit.frf, table.best, data.settings.compared
     dry = friction.estimate(data.records, table.fit.chosen.model, data.info, compared)
     if dry is not None and data.quiet is not None and table.comparable:
-        dry = friction.tried_on(dry, data.quiet, table.fit.chosen.model, data.info, compared)
+        lag_s = force_lag_s(best, specimen.excited.specimen) if specimen.excited else 0.0
+        dry = friction.tried_on(dry, data.quiet, table.fit.chosen.model, lag_s, data.info, compared)
     return Identification(
         frfs=(clean, *frfs[1:]),
         noise_floors=tuple(noise_floor(data.records, frf, c, data.info.dt_s) for c, frf in enumerate(frfs)),

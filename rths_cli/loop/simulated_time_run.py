@@ -76,6 +76,9 @@ class Outcome:
     logs: tuple[Logged, ...] = ()  # what the rows of the log's `logged` are
 
 
+ZEROED_S = 1.0  # at rest, over which zeros are taken, as on a real rig
+
+
 @dataclass(frozen=True)
 class Stillness:
     """Number of samples around a record."""
@@ -131,7 +134,7 @@ def play(
     rig.open()
     try:
         if compiled is not None:
-            steps, fault = _play_simulated(compiled, state, limits, guard_state, course, log)
+            steps, fault, limits = _play_simulated(compiled, info.dt_s, state, limits, guard_state, course, log)
         else:
             steps, fault, limits = _play_exchanging(rig, state, limits, guard_state, course, log)
     finally:
@@ -167,12 +170,16 @@ def _whole(played: Signals, course: _Course, still: Stillness, dt_s: float) -> W
 
 
 def _play_simulated(
-    rig: SimulatedRig, state: Step, limits: GuardLimits, guard_state: GuardState, course: _Course, log: Log
-) -> tuple[int, str]:
+    rig: SimulatedRig, dt_s: float, state: Step, limits: GuardLimits, guard_state: GuardState, course: _Course,
+    log: Log,
+) -> tuple[int, str, GuardLimits]:  # fmt: skip
     """Play in compiled code.
 
-    The noise for the rest before the record is drawn last, so that the noise of the record does not depend on it.
+    The noise for the rest before the record is drawn last, so that the noise of the record does not depend on it. The
+    channels' zeros are taken before, at a rest of their own. Returns steps, fault and limits of samples without zeros.
     """
+    zeros_v = _zeros(rig, round(ZEROED_S / dt_s), state.samples.size)
+    limits = without_zeros(limits, zeros_v)
     rig.restart()
     steps, before = len(course.drive), len(course.before_v)
     noise = rig.noise(steps + 1 + before)
@@ -180,10 +187,21 @@ def _play_simulated(
     scratch = np.zeros(2, dtype=np.int64)
     steps = run_virtual(
         rig.plant, rig.state, state, limits, guard_state, course.drive, course.record, noise, log, course.after_v,
-        scratch,
+        zeros_v, scratch,
     )  # fmt: skip
     fault = "the table ran into its end stop" if rig.state.fault[0] == plant_kernel.END_STOP else ""
-    return steps, fault
+    return steps, fault, limits
+
+
+def _zeros(rig: SimulatedRig, samples: int, channels: int) -> Array:
+    """Return the mean (c,) in V of the channels at rest; zero where the rig says that there is none to be taken."""
+    noise = rig.noise_at_rest(samples)
+    if noise is None:
+        return np.zeros(channels)
+    rig.restart()
+    shown = np.zeros((samples, channels))
+    watch_virtual(rig.plant, rig.state, noise, shown)
+    return np.asarray(shown.mean(axis=0))
 
 
 def _play_exchanging(
@@ -284,14 +302,15 @@ def run_virtual(
     noise: Array,
     log: Log,
     after_v: Array,
+    zeros_v: Array,
     scratch: IntArray,
 ) -> int:
     """Play a complete run on the virtual table with the counted clock; return the number of steps.
 
-    `after_v` (a, c) receives the samples after the record.
+    `after_v` (a, c) receives the samples after the record. `zeros_v` (c,): mean of the channels at rest, in V.
     """
     plant, table, s, limits, g = borrowed((plant, table, s, limits, g))
-    drive, noise, log, after_v, scratch = borrowed((drive, noise, log, after_v, scratch))
+    drive, noise, log, after_v, zeros_v, scratch = borrowed((drive, noise, log, after_v, zeros_v, scratch))
     steps, before = 0, monotonic_ns(scratch)
     while steps < drive.shape[0] and table.fault[0] == 0 and (g.flags[0] != STOPPED or g.flags[1] == END):
         plant.read_channels(table, noise[steps], s.samples)
@@ -299,6 +318,8 @@ def run_virtual(
         if steps >= record:
             for c in range(s.samples.size):
                 after_v[steps - record, c] = s.samples[c] + 0.0
+        for c in range(s.samples.size):
+            s.samples[c] -= zeros_v[c]
         displacement = table.state[0]
         place = think(s, limits, g, drive[steps], log, steps, 1.0, True, s.samples, s.corrected)
         plant.hold_command(table, s.command[0])

@@ -90,7 +90,8 @@ class Limits:
 @dataclass(frozen=True)
 class Uncertainty:
     """Standard uncertainties of what a laboratory declares beside sensitivities: AC corners and weighed masses relative
-    to their values, the instants at which channels are sampled in s. 0: exactly as declared.
+    to their values, the instants at which channels are sampled in s, and the relative drift of a sensitivity from the
+    identification to the test. 0: exactly as declared.
 
     `masses`: of each floor on the table, where a calibration states what scales showed; (): all as `mass`.
     """
@@ -98,11 +99,12 @@ class Uncertainty:
     corner: float = 0.1
     skew_s: float = 25e-6
     mass: float = 0.003
+    drift: float = 0.0005
     masses: tuple[float, ...] = ()
 
     @property
     def any(self) -> bool:
-        """Return whether anything may differ from what is declared."""
+        """Return whether an identification may find anything that differs from what is declared."""
         return max(self.corner, self.skew_s, self.mass, *self.masses) > 0.0
 
     def of_masses(self, floors: int) -> tuple[float, ...]:

@@ -119,6 +119,9 @@ class SimulatedRig(Rig, Protocol):
     def noise(self, rows: int) -> Array:
         """Return the next rows of standard normal noise, (rows, normals): the plant says how many it takes."""
 
+    def noise_at_rest(self, rows: int) -> Array | None:
+        """Return noise of a rest before the run, (rows, normals); None: its channels have no zero to be taken."""
+
 
 class LinkedRig(Rig, Protocol):
     """A rig behind a link that compiled code can use itself, at the instants of this machine's clock.

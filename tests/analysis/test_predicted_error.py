@@ -183,7 +183,7 @@ def test_rounding_of_samples() -> None:
 
 def test_rounding_of_samples_to_coarse_bits() -> None:
     """Without noise errors of rounding follow the motion: as white noise they would be half of what they are."""
-    fault = Fault(sample_bits=12)
+    fault = Fault(sample_bits=12, shaped=False)
     found = figures(predict(known(fault)).causes["quantisation"])
     made = change(fault, replace(fault, sample_bits=0), motion(), 1, 1000)
     assert found == pytest.approx(made, rel=0.4)

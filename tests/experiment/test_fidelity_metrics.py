@@ -150,6 +150,8 @@ def test_a_hybrid_run_has_every_path_known_beforehand(parts: Parts) -> None:
         ".longest_gap_s",
         ".ductility",
         ".residual_drift_m",
+        ".true_error_rank",
+        ".error_over_expected",
         ".residual_drift_change_m",
         ".residual_drift_uncertainty_m",
         ".base_shear_uncertainty",

@@ -43,8 +43,8 @@ def test_a_small_motion_with_friction_is_as_accurate_as_one_without(tmp_path: Pa
     measured = np.asarray(values["exp_rths.rms_error_m_s2"])
     assert (measured / late).max() < 0.05  # 0.137 without
     predicted = np.asarray(values["check.rms_error_m_s2"])
-    # noise in the low-level record counts as friction that is left: the prediction is up to 1.7 times too large
-    assert (measured < 1.5 * predicted).all() and (predicted < 2.0 * measured).all()
+    # it is the rounding of samples, which the command's own rounding dithers on the table
+    assert (measured < 1.5 * predicted).all() and (predicted < 1.5 * measured).all()
     # the friction that the budget finds is what the identification found
     assert abs(float(values["budget.friction_v"]) / float(values["check.friction_v"]) - 1.0) < 0.05
     assert (np.asarray(values["budget.rms_error_friction_m_s2"]) < 0.04 * late).all()
@@ -54,7 +54,7 @@ def test_a_small_motion_with_friction_is_as_accurate_as_one_without(tmp_path: Pa
 def test_the_low_level_record_decides(default_identification: Identification) -> None:
     """Of friction as the virtual table has it nearly all is removed; no more than half of it, or nothing known: off."""
     friction = default_identification.friction
-    assert friction is not None and friction.held_out is not None and friction.held_out > 0.9
+    assert friction is not None and friction.held_out is not None and friction.held_out > 0.995
     for share, told in ((0.49, "49 %"), (-2.0, "0 %"), (None, "no low-level record")):
         found, setup = with_held_out(default_identification, share), setup_of(ON)
         design = design_blocks(setup, found)

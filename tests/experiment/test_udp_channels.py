@@ -18,7 +18,7 @@ from rths_cli.experiment.serve_command import describe
 from rths_cli.identification import dropout_reconstruction
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
-RATE_HZ = 250
+RATE_HZ = 500
 FURTHER: list[dict[str, Any]] = [
     {"kind": "displacement", "position": "table", "unit": "mm", "sensitivity_v_per_unit": 0.1, "range": 95,
      "use": "guard"},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import socket
+from dataclasses import replace
 
 import numpy as np
 from bench import DT_S, rig_info, specimen
@@ -16,6 +17,7 @@ from rths_cli.analysis.nonlinear_sim_delay import simulate_delayed_with_laws
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import load_cases
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
+from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.experiment.serve_command import describe, make_table
 from rths_cli.loop import realtime_loop, realtime_run, simulated_time_run, udp_target
 from rths_cli.loop.block_replay import run_block
@@ -49,13 +51,18 @@ def compile_the_loops() -> None:
     rig = VirtualRig(info, build_plant(info, VirtualPhysics(), specimen(), 3e-4), (1, 3))
     samples, noise = np.zeros(len(info.channels)), rig.noise(51)
     simulated_time_run.run_virtual.bind(
-        rig.plant, rig.state, *step, run.drive, 50, noise, run.log, np.zeros((0, samples.size)), scratch
+        rig.plant, rig.state, *step, run.drive, 50, noise, run.log, np.zeros((0, samples.size)), samples, scratch
     )
     simulated_time_run.watch_virtual.bind(rig.plant, rig.state, noise, noise.copy())
     simulated_time_run.think_once.bind(*step, run.drive, 50, run.log, scratch)
     plant_kernel.hold_interval.bind(rig.plant, rig.state, np.zeros(1))
     plant_kernel.read_samples.bind(rig.plant, rig.state, samples, samples.copy())
     realtime_loop.conduct_once.bind(run.course, *step, run.drive, run.log, samples)
+    counters = FrictionFeedforward(blocks.feedforward.linearised(), 0.02, 0.004, 25.0, 0.003, left=0.0)
+    other = realtime_run.prepare(info, replace(blocks, feedforward=counters), NUMERICAL, drive, open_limits(info))
+    realtime_loop.conduct_once.bind(
+        other.course, other.step, other.limits, other.guard, other.drive, other.log, samples
+    )
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nowhere:
         there = link.fresh_link(nowhere, np.zeros(2, np.uint64), samples.size)
         realtime_loop.run_udp.bind(there, run.course, *step, run.drive, run.log, True)

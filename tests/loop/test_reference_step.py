@@ -12,6 +12,7 @@ from bench import DT_S, LINEAR, ideal_info, rig_info, specimen
 from hybrid import best_like, ground, open_limits, paper_like, reacting
 
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.loop.reference_step import ReferenceStep
 from rths_cli.loop.simulated_time_run import Outcome, play
 from rths_cli.loop.step_arrays import NUMERICAL, RECORD
@@ -31,11 +32,19 @@ def played(info: RigInfo, blocks: Blocks, drive: Array, source: int, interface_m
     return outcome, np.array(rig.samples[: len(drive)])
 
 
-def by_reference(blocks: Blocks, samples: Array, drive: Array, numerical: bool) -> dict[str, Array]:
-    """Return what the reference step makes of samples (n, c) and a source (n, 3), as a run's log names it."""
+def nothing(motion: Array) -> Array:
+    return np.zeros(1)
+
+
+def by_reference(
+    blocks: Blocks, samples: Array, drive: Array, numerical: bool, added: Callable[[Array], Array] = nothing
+) -> dict[str, Array]:
+    """Return what the reference step makes of samples (n, c) and a source (n, 3), as a run's log names it; `added`
+    gives a command (1,) that is added to it for the desired motion (3, 1)."""
     step, rows = ReferenceStep(blocks), []
     for now, source in zip(samples, drive, strict=True):
         command = step(now, source, numerical)
+        command = command + added(step.interface)
         step.note_sent(command)
         rows.append((*command, *step.force_n, *step.corrected, *step.interface.ravel(), *step.estimated))
     columns, axes = np.array(rows).T, step.force_n.size
@@ -70,6 +79,23 @@ def test_the_computed_storeys_may_be_many() -> None:
     blocks = best_like(info, 1.2, numerical_storeys=8)
     outcome, samples = played(info, blocks, drive, NUMERICAL, 1.2)
     assert difference(outcome, by_reference(blocks, samples, drive, numerical=True)) <= 1e-11
+
+
+def test_friction_is_countered_at_the_velocity_to_come() -> None:
+    """On a table without friction: the command for it, and what it moves, are in every signal."""
+    info, drive = ideal_info(), ground(2000)
+    blocks = best_like(info, 1.2)
+    kappa, scale, slope, lead = 0.02, 0.004, 25.0, 0.003
+    counters = FrictionFeedforward(blocks.feedforward.linearised(), kappa, scale, slope, lead, left=0.0)
+
+    def added(motion: Array) -> Array:
+        coming = motion[1] + lead * motion[0]
+        return np.asarray(kappa * (np.tanh(coming / scale) - slope * coming))
+
+    outcome, samples = played(info, replace(blocks, feedforward=counters), drive, NUMERICAL, 1.2)
+    assert difference(outcome, by_reference(blocks, samples, drive, numerical=True, added=added)) <= 1e-12
+    velocity, accel = np.abs(outcome.log.desired[1]), np.abs(outcome.log.desired[0])
+    assert velocity.min() < 0.2 * scale and velocity.max() > 2.0 * scale and lead * accel.max() > 0.1 * scale
 
 
 def test_a_table_that_follows_a_record_has_the_same_command() -> None:

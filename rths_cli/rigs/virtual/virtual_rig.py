@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 LEVELS = 10  # inner steps from dt to dt / 512
 NOISE_ROWS = 4096
-FURTHER = 21  # stands behind the seed of the further channels' noise
+FURTHER, AT_REST = 21, 22  # stand behind the seed of the further channels' noise, and of that at rest before a run
 LAWS_SOLVED = 1e-13  # of the specimen's weight, by which a law's force may still change
 INTERPOLATED_M_S2 = 5e-7  # what interpolated friction may err by, as an acceleration of the table
 
@@ -218,6 +218,13 @@ class VirtualRig:
             return self._random.standard_normal((rows, normals(self.plant)))
         own = self._random.standard_normal((rows, len(self.info.channels)))
         return np.hstack([own, self._further_random.standard_normal((rows, len(self.info.further)))])
+
+    def noise_at_rest(self, rows: int) -> Array | None:
+        """Return noise of a rest before the run, (rows, normals): a stream of its own, so that no run depends on
+        whether its rest is kept. None for a rig whose channels have no zero to be taken."""
+        if not isinstance(self.plant, ImperfectPlant):
+            return None
+        return np.random.default_rng((*self._seed, AT_REST)).standard_normal((rows, normals(self.plant)))
 
     def open(self) -> None:
         """Take hold of the rig (nothing to do)."""

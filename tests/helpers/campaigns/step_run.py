@@ -86,5 +86,5 @@ def bound(given: Inputs, state: State) -> Callable[[], int]:
     scratch, after_v = np.zeros(2, dtype=np.int64), np.zeros((0, given.noise.shape[1]))
     return run_virtual.bind(
         given.plant, state.table, state.step, given.limits, state.guard, given.drive, len(given.drive), given.noise,
-        state.log, after_v, scratch,
+        state.log, after_v, np.zeros(given.noise.shape[1]), scratch,
     )  # fmt: skip

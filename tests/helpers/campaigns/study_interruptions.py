@@ -1,9 +1,10 @@
 """Interrupt sweeps at random instants, let them go on, and compare the table with that of an uninterrupted one.
 
-A sweep of 120 rows, some milliseconds each, is a command of its own, forked from a process that has imported it. Its
-instant is drawn over the time in which it plays rows and writes the table. Afterwards the rows that are kept must be
-whole and there once, the same command with `--resume` must play the others alone, and the datasets of the table must be
-those of the reference to the last bit.
+A sweep of 120 rows, some milliseconds each, is a command of its own, forked from a process that has imported it. The
+interruption comes when a drawn number of rows is there, and a drawn fraction of 50 ms later: anywhere in a row or while
+the table is written, however busy the machine is. Afterwards the rows that are kept must be whole and there once, the
+same command with `--resume` must play the others alone, and the datasets of the table must be those of the reference to
+the last bit.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import h5py
 import numpy as np
 
 SEEDS = 60  # of each of two grid points
+LATER_S = 0.05  # longest time between the drawn row and the interruption: some rows, or the writing of the table
 KINDS = ("killed worker", "restarted scheduler", "Ctrl-C", "SIGKILL", "full disk")
 LOCAL = (("--engine", "inline"), ("--engine", "threads"), ("--engine", "processes", "--jobs", "2"))
 DISK_MB = 8
@@ -36,10 +38,11 @@ STUDY = "case: short\naxes: {table.after_identification.coulomb_factor: [1, 3]}\
 
 @dataclass(frozen=True)
 class Trial:
-    """One interruption: when, after the first row; how many rows were there then; what is wrong (empty: nothing)."""
+    """One interruption: after which row and time; how many rows were there then; what is wrong (empty: nothing)."""
 
     kind: str
     engine: str
+    after_rows: int
     after_s: float
     met: bool  # the command had not ended before
     there: int
@@ -48,11 +51,10 @@ class Trial:
 
 @dataclass
 class Bench:
-    """A folder with the study, its uninterrupted table, and how long its rows take by engine."""
+    """A folder with the study and its uninterrupted table."""
 
     folder: Path
     reference: dict[str, Any] = field(default_factory=dict)
-    lasts_s: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def made(cls, folder: Path, seeds: int = SEEDS) -> Bench:
@@ -71,16 +73,6 @@ class Bench:
         """Start the sweep."""
         arguments = ("sweep", str(self.folder / "study.yaml"), "--output", str(output), *engine, *more)
         return Forked(lambda: rths(*arguments), self.folder / "told.txt")
-
-    def duration(self, engine: Sequence[str]) -> float:
-        """Return how long the sweep takes from its first row on."""
-        key = engine[1]
-        if key not in self.lasts_s:
-            process = self.started(self.folder / "timed.h5", engine)
-            begins = await_rows(process, self.folder / "timed.h5")
-            process.end()
-            self.lasts_s[key] = time.monotonic() - begins
-        return self.lasts_s[key]
 
 
 def write_case(folder: Path, name: str) -> None:
@@ -168,15 +160,14 @@ def dask(part: str, *arguments: str) -> None:
     {"scheduler": dask_scheduler, "worker": dask_worker}[part].main(list(arguments), standalone_mode=False)
 
 
-def await_rows(process: Forked, output: Path) -> float:
-    """Wait for the first row, or the end of the process; return when that was."""
+def await_rows(process: Forked, output: Path, number: int) -> None:
+    """Wait for that many rows, or the end of the process."""
     rows = rows_of(output)
     while process.poll() is None:
         with suppress(OSError):
-            if rows.read_bytes().count(b"\n") > 1:
+            if rows.read_bytes().count(b"\n") > number:
                 break
         time.sleep(0.002)
-    return time.monotonic()
 
 
 def rows_of(output: Path) -> Path:
@@ -198,9 +189,9 @@ def interrupted(
     interrupt: Callable[[Forked], None], ends_itself: bool, before_resume: Callable[[], None],
 ) -> Trial:  # fmt: skip
     """Start the sweep, interrupt it, resume it, and judge."""
-    after_s = rng.uniform(0.0, bench.duration(engine))
+    after_rows, after_s = rng.randint(1, len(bench.reference["status"])), rng.uniform(0.0, LATER_S)
     process = bench.started(output, engine)
-    await_rows(process, output)
+    await_rows(process, output, after_rows)
     time.sleep(after_s)
     met, there = process.poll() is None, len(kept_rows(output))
     if met:
@@ -221,7 +212,7 @@ def interrupted(
         faults.append(f"left behind: {left}")
     output.unlink(missing_ok=True)
     rows_of(output).unlink(missing_ok=True)
-    return Trial(kind, " ".join(engine[1:2]), after_s, met, there, tuple(faults))
+    return Trial(kind, " ".join(engine[1:2]), after_rows, after_s, met, there, tuple(faults))
 
 
 def resumed(bench: Bench, output: Path, engine: Sequence[str], kept: int) -> Iterator[str]:

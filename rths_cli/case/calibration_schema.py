@@ -25,7 +25,7 @@ class CalibratedChannel(Strict):
         description="of that sensitivity by itself, relative, one standard deviation: the prior of identifications"
     )
     joint_uncertainty: Relative = Field(
-        description="of that sensitivity together with the ratios of all sensors that a model showed; for people to read"
+        description="of that sensitivity together with the ratios that a model showed; for people to read"
     )
 
 

@@ -27,9 +27,10 @@ def schema(kind: str = "case") -> dict[str, Any]:
     """Return the JSON Schema of a case file, or of a structure, rig, reference or study file."""
     generated = TypeAdapter(MODELS[kind]).json_schema()
     definitions = generated.pop("$defs")
-    for model in (*KINDS.values(), PluginRigSpec):
-        if model.__name__ in definitions:
-            _allow_name(definitions[model.__name__]["properties"], "calibration")
+    rigs: list[type[RigSpec]] = [*KINDS.values(), PluginRigSpec]
+    for rig in rigs:
+        if rig.__name__ in definitions:
+            _allow_name(definitions[rig.__name__]["properties"], "calibration")
     if kind == "case":
         _allow_names(generated, definitions)
     elif kind == "structure":

@@ -2,14 +2,14 @@
 
 Parameters are the logarithms of all sensitivities, accelerometers and further channels, and of the masses of the floors
 on the table, each over its declared value. Before anybody measured they are normal: independent with the declared
-uncertainties, or with the posterior of a calibration by identification, in which the ratios of gains and masses are known
-far better than their sizes. The gain of a displacement sensor or load cell that the identification has taken up follows
-from those of accelerometers and masses, because all of them tell the same. A comparison with a standard and a weighing
-are observations of one parameter each, with their own uncertainties: in a linear Gaussian problem one comparison moves
-every sensor.
+uncertainties, or with the posterior of a calibration by identification, in which the ratios of gains and masses are
+known far better than their sizes. The gain of a displacement sensor or load cell that the identification has taken up
+follows from those of accelerometers and masses, because all of them tell the same. A comparison with a standard and a
+weighing are observations of one parameter each, with their own uncertainties: in a linear Gaussian problem one
+comparison moves every sensor.
 
-Two uncertainties are returned of each. The joint one is that of this posterior. The one of the parameter by itself is what
-is known of it without the ratios; it is the prior for an identification that shows the ratios anew. Joint
+Two uncertainties are returned of each. The joint one is that of this posterior. The one of the parameter by itself is
+what is known of it without the ratios; it is the prior for an identification that shows the ratios anew. Joint
 uncertainties would count the ratios twice there: several sensors that all follow from one comparison would pass for as
 many comparisons.
 """

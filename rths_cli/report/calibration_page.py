@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rths_cli.report.identification_page import aligned, labelled, wrapped
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.calibrate_command import CalibrationMade
+    from rths_cli.experiment.calibrate_command import CalibrationMade, Row
 
 HEADINGS = ("", "unit", "declared", "measured", "found", "before, %", "after, %", "alone, %")
 ABOUT = (
@@ -19,16 +19,23 @@ ABOUT = (
 
 def page(made: CalibrationMade) -> str:
     """Return the result of `rths calibrate` as text."""
-    rows = [
-        (f"mass of {row.name}" if row.unit == "kg" else row.name, row.unit, f"{row.declared:.6g}", "" if row.measured is None else f"{row.measured:.6g}",
-         f"{row.found:.6g}", *(f"{100.0 * one:.3f}" for one in (row.before, row.after, row.alone)))
-        for row in made.rows
-    ]  # fmt: skip
+    rows = [_cells(row) for row in made.rows]
     about = made.calibration
     head = f"Calibration {about.told} of rig {about.rig}{f', ratios of {about.model}' if about.model else ''}"
     notes = [labelled("wrote", str(made.file)), labelled("uncertainties", ABOUT)]
     notes += [labelled("next" if i == 0 else "", note) for i, note in enumerate(made.notes)]
     return "\n\n".join(["\n".join([head, *aligned([HEADINGS, *rows])]), wrapped(notes)]) + "\n"
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    return (
+        f"mass of {row.name}" if row.unit == "kg" else row.name,
+        row.unit,
+        f"{row.declared:.6g}",
+        "" if row.measured is None else f"{row.measured:.6g}",
+        f"{row.found:.6g}",
+        *(f"{100.0 * one:.3f}" for one in (row.before, row.after, row.alone)),
+    )
 
 
 def document(made: CalibrationMade) -> dict[str, Any]:

@@ -54,7 +54,7 @@ class CalibrationSpec(Strict):
     @property
     def told(self) -> str:
         """Return what it is in words: day and person."""
-        return f"of {self.made_utc[:10]}{f' by {self.by}' if self.by else ''}"
+        return f"{self.made_utc[:10]}{f' by {self.by}' if self.by else ''}"
 
     @field_validator("made_utc")
     @classmethod

@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import FILE, json_option, settings_option
 from rths_cli.cli.terminal import show_page
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.calibrate_command import Question
 
 
 @cli.command()
@@ -24,10 +28,15 @@ from rths_cli.cli.terminal import show_page
     "sensitivities",
     multiple=True,
     metavar="NAME=V+-U",
-    help="A sensor compared with a standard: table=0.1021+-0.0002 in V per m/s^2, m, N or 1, or +-0.2%. Repeatable.",
+    help="A sensor compared with a standard: table=1022mV/g+-0.2%, table=0.1042+-0.0002 (V per m/s^2, m, N or 1). "
+    "Repeatable.",
 )
 @click.option(
-    "--mass", "masses", multiple=True, metavar="NAME=M+-U", help="A floor weighed: floor_2=6.93+-0.007. Repeatable."
+    "--mass",
+    "masses",
+    multiple=True,
+    metavar="NAME=M+-U",
+    help="A floor weighed, in kg: floor_2=6.93+-0.007. Repeatable.",
 )
 @click.option("--by", default="", metavar="NAME", help="Who measured; kept in the file.")
 @click.option("--yes", is_flag=True, help="Ask nothing: what is not given was not measured.")
@@ -65,10 +74,10 @@ def calibrate(
     return 0
 
 
-def _ask(option: str, name: str, declared: float, uncertainty: float, unit: str) -> str:
+def _ask(question: Question) -> str:
     """Return what a person measured, as text; "" for nothing."""
-    what = "mass" if option == "--mass" else "sensitivity"
-    question = (
-        f"{what} of {name}, {declared:.6g} {unit} +- {100.0 * uncertainty:.2g} %; measured (VALUE+-U, Enter: not)"
-    )
-    return str(click.prompt(question, default="", show_default=False, err=True))
+    if question.refused:
+        click.echo(question.refused, err=True)
+    known = f"{question.declared} +- {100.0 * question.uncertainty:.2g} %"
+    text = f"{question.what}, declared {known}; measured (VALUE+-U, Enter: not)"
+    return str(click.prompt(text, default="", show_default=False, err=True))

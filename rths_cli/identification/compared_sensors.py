@@ -16,7 +16,6 @@ many comparisons.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,16 +75,14 @@ def before(info: RigInfo, masses_kg: Array, found: Calibration | None) -> Belief
     return Belief(mean, demand @ found.covariance @ demand.T + np.diag(rest**2), alone)
 
 
-def after(belief: Belief, measured: Sequence[Measured]) -> Belief:
-    """Return what is known after measurements; that of a parameter which is declared as exact changes nothing."""
-    mean, spread, alone = belief.mean, belief.covariance, belief.alone.copy()
-    for one in measured:
-        if belief.alone[one.place] == 0.0:
-            continue
-        weights = np.zeros(mean.size)
-        weights[one.place] = 1.0
-        mean, spread = taken_up(mean, spread, weights, one.value, one.error)
-        alone[one.place] = (alone[one.place] ** -2 + one.error**-2) ** -0.5
+def after(belief: Belief, one: Measured) -> Belief:
+    """Return what is known after a measurement; that of a parameter which is declared as exact changes nothing."""
+    if belief.alone[one.place] == 0.0:
+        return belief
+    weights, alone = np.zeros(belief.mean.size), belief.alone.copy()
+    weights[one.place] = 1.0
+    mean, spread = taken_up(belief.mean, belief.covariance, weights, one.value, one.error)
+    alone[one.place] = (alone[one.place] ** -2 + one.error**-2) ** -0.5
     return Belief(mean, spread, alone)
 
 

@@ -21,7 +21,7 @@ def page(made: CalibrationMade) -> str:
     """Return the result of `rths calibrate` as text."""
     rows = [_cells(row) for row in made.rows]
     about = made.calibration
-    head = f"Calibration {about.told} of rig {about.rig}{f', ratios of {about.model}' if about.model else ''}"
+    head = f"Calibration of {about.told}, rig {about.rig}{f', ratios of {about.model}' if about.model else ''}"
     notes = [labelled("wrote", str(made.file)), labelled("uncertainties", ABOUT)]
     notes += [labelled("next" if i == 0 else "", note) for i, note in enumerate(made.notes)]
     return "\n\n".join(["\n".join([head, *aligned([HEADINGS, *rows])]), wrapped(notes)]) + "\n"

@@ -46,13 +46,23 @@ def rig_info(case: Case) -> RigInfo:
     """Return what is known of the case's rig with its structure on it: as declared, and as calibrated where its file
     names a calibration."""
     info = declared_info(case)
-    return info if case.table.calibration is None else _as_calibrated(info, case.table.calibration)
+    if case.table.calibration is None:
+        return info
+    return _as_calibrated(info, case.table.calibration, case.structure.experimental.masses_kg)
 
 
-def _as_calibrated(info: RigInfo, calibration: CalibrationSpec) -> RigInfo:
-    """Return a rig with the sensitivities and uncertainties of a calibration in the place of the declared ones."""
+def _as_calibrated(info: RigInfo, calibration: CalibrationSpec, masses_kg: Sequence[float]) -> RigInfo:
+    """Return a rig with the sensitivities and uncertainties of a calibration in the place of the declared ones.
+
+    What the structure states of a mass, `masses_kg` (n,), is off by its difference from the weighed one as well.
+    """
     found = {one.name: one for one in calibration.channels}
-    weighed = {one.floor: one.mass_uncertainty for one in calibration.masses}
+    stated = {channel.name: mass for channel, mass in zip(info.channels[1:], masses_kg, strict=True)}
+    weighed = {
+        one.floor: math.hypot(one.mass_uncertainty, math.log(stated[one.floor] / one.mass_kg))
+        for one in calibration.masses
+        if one.floor in stated
+    }
 
     def of(channels: tuple[Channel, ...]) -> tuple[Channel, ...]:
         return tuple(

@@ -149,7 +149,7 @@ def _check_request(asked: CalibrateRequest) -> None:
     if asked.output.exists():
         raise InputError(f"{asked.output}: exists; a calibration is never replaced, choose another name")
     if not folder.is_dir():
-        raise InputError(f"{asked.output}: there is no folder {folder}; make it first")
+        raise InputError(f"{asked.output}: there is no folder {printable(str(folder))}; make it first")
     if len(asked.by) > LONGEST_NAME or not asked.by.isprintable():
         raise InputError(f"--by: must be one line of at most {LONGEST_NAME} characters")
 
@@ -227,7 +227,9 @@ def _read(told: str, place: int, parameter: _Parameter) -> Measured:
     size = parameter.units[units.pop()] if units else 1.0
     value, error = float(matched[1]) * size, float(matched[3]) * size
     if not (math.isfinite(value) and value > 0.0):
-        raise InputError(f"{label}: the value must be > 0 {parameter.unit}; a sign belongs to the rig file (sign: -1)")
+        raise InputError(
+            f"{label}: the value must be finite and > 0 {parameter.unit}; a sign belongs to the rig file (sign: -1)"
+        )
     relative = float(matched[3]) / 100.0 if in_percent else error / value
     if not LEAST <= relative <= FARTHEST:
         raise InputError(

@@ -92,14 +92,15 @@ def calibration_faults(case: Case) -> Iterator[str]:
         return
     info = declared_info(case)
     declared = {channel.name: channel.sensitivity_v_per_unit for channel in info.all_channels}
-    for one in calibration.channels:
-        if one.name not in declared:
-            yield f"{key}: holds channel {one.name}, the rig has {', '.join(declared)}; {again}"
-        elif abs(declared[one.name] / one.declared_v_per_unit - 1.0) > SAME:
-            yield (
-                f"{key}: was made for {one.name} of {one.declared_v_per_unit:.6g} V per unit, the rig file declares "
-                f"{declared[one.name]:.6g}; {again}"
-            )
+    if foreign := [one.name for one in calibration.channels if one.name not in declared]:
+        yield f"{key}: holds channel {', '.join(foreign)}, the rig has {', '.join(declared)}; {again}"
+    stale = [
+        f"{one.name} {one.declared_v_per_unit:.6g}, now {declared[one.name]:.6g}"
+        for one in calibration.channels
+        if one.name in declared and abs(declared[one.name] / one.declared_v_per_unit - 1.0) > SAME
+    ]
+    if stale:
+        yield f"{key}: was made when the rig file declared other sensitivities ({'; '.join(stale)} V per unit); {again}"
     masses = dict(zip(channel_names(case)[1:], case.structure.experimental.masses_kg, strict=True))
     for weighed in calibration.masses:
         stated = masses.get(weighed.floor)

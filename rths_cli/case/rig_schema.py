@@ -66,7 +66,8 @@ COMMAND_RATE = "change of the command per second"
 TRACKING_ERROR = "desired less measured acceleration of the table, +-"
 LOST_SAMPLES = f"how many answers of the rig in a row may be lost; default: {DEFAULT_LOST_SAMPLES}"
 CALIBRATION = (
-    "file of a calibration (rths calibrate), whose sensitivities and uncertainties take the place of those here"
+    "file of a calibration (rths calibrate), relative to this file; what it found takes the place of sensitivities and "
+    "uncertainties here"
 )
 ENERGY_RATIO = (
     "energy that errors of the table may add, of that exchanged with the specimen; "

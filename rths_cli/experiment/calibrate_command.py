@@ -250,7 +250,7 @@ def _with(belief: Belief, one: Measured, parameter: _Parameter) -> Belief:
         value, known = (parameter.base * math.exp(log) for log in (one.value, float(belief.mean[one.place])))
         where = "structure" if parameter.option == "--mass" else "rig file"
         raise InputError(
-            f"{label}: {value:.5g} {parameter.unit} is {far:.2g} standard uncertainties from what is known of it, "
+            f"{label}: {value:.5g} {parameter.unit} is {far:.3g} standard uncertainties from what is known of it, "
             f"{known:.5g}, more than {CONTRADICTS:g}; check value and unit, measure again, or correct the {where} and "
             "identify again first"
         )

@@ -58,8 +58,7 @@ def calibrate(
     The rig file names it under `calibration`. On a terminal you are asked for what is not given. Before: rths doctor
     --channels --push --move tells zeros and signs.
 
-    Example: rths calibrate el_centro_low_ff_fb --set table=aps400_laboratory --sensitivity table=0.1021+-0.2% --output
-    aps400.yaml
+    Example: rths calibrate el_centro_low_ff_fb --set table=aps400_laboratory --mass floor_2=6.91+-0.1% --output a.yaml
     """
     from rths_cli.experiment.calibrate_command import CalibrateRequest, calibrate_rig
     from rths_cli.report.calibration_page import document, page

@@ -279,7 +279,7 @@ def test_the_hidden_rig_stays_as_declared(lab: Path) -> None:
     def shown(setup: Setup) -> np.ndarray:
         rig = open_virtual(setup, (1,), 0)
         rig.open()
-        samples = [rig.exchange(np.array([0.5])) for _ in range(200)]
+        samples = [np.array(rig.exchange(np.array([0.5]))) for _ in range(200)]
         rig.close()
         return np.array(samples)
 

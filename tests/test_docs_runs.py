@@ -76,7 +76,7 @@ def test_the_pages_that_are_run_as_written_are_these() -> None:
     """A block that lost its language would take its page out of them."""
     howto = {
         f"howto/{name}.md"
-        for name in ("channels", "ci", "hardware", "read_the_pages", "reading_results", "write_a_case")
+        for name in ("calibrate", "channels", "ci", "hardware", "read_the_pages", "reading_results", "write_a_case")
     }
     own = {f"howto/own_{name}.md" for name in ("controller", "law", "record", "table")}
     background = {f"background/{name}.md" for name in ("control", "similitude", "substructures")}

@@ -12,8 +12,20 @@ from rths_cli.case.yaml_tree import Node
 TELLING = {
     "cases": ("structure", "damping", "record", "scaling", "controller"),
     "structures": ("numerical", "experimental", "damping_levels", "interface_experimental_mass_kg", "heights_m"),
-    "rigs": ("kind", "physics", "sensors", "channels", "converters", "nominal", "after_identification", "udp", "ni"),
+    "rigs": (
+        "kind",
+        "physics",
+        "sensors",
+        "channels",
+        "converters",
+        "nominal",
+        "after_identification",
+        "udp",
+        "ni",
+        "calibration",
+    ),
     "references": ("title", "source", "entries"),
+    "calibrations": ("rig", "made_utc", "masses"),
     "studies": ("case", "axes", "samples", "correlations", "constraints"),
 }
 """Top-level keys by which a YAML file is recognised; no other kind of file has them."""
@@ -74,6 +86,8 @@ def no_case(kind: str, name: str) -> str:
     if kind == "studies":
         return f"is a study, not a case; rths sweep {name} runs it"
     what = kind.removesuffix("s")
+    if kind == "calibrations":
+        return f"is a calibration, not a case; a rig file names it (calibration: {name})"
     named = Path(name).stem if os.path.basename(name) == name else name
     look = f", or look at it with rths structure {name}" if kind == "structures" else ""
     return f"is a {what}, not a case; write a case that names it ({KEY_IN_CASE[kind]}: {named}) with rths new{look}"

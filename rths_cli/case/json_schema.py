@@ -27,6 +27,10 @@ def schema(kind: str = "case") -> dict[str, Any]:
     """Return the JSON Schema of a case file, or of a structure, rig, reference or study file."""
     generated = TypeAdapter(MODELS[kind]).json_schema()
     definitions = generated.pop("$defs")
+    rigs: list[type[RigSpec]] = [*KINDS.values(), PluginRigSpec]
+    for rig in rigs:
+        if rig.__name__ in definitions:
+            _allow_name(definitions[rig.__name__]["properties"], "calibration")
     if kind == "case":
         _allow_names(generated, definitions)
     elif kind == "structure":
@@ -47,6 +51,13 @@ def write_schemas(folder: Path) -> None:
         (folder / f"{kind}.schema.json").write_text(json.dumps(schema(kind), indent=1) + "\n", encoding="utf-8")
 
 
+def _allow_name(properties: dict[str, Any], key: str) -> None:
+    """Let a name stand for the mapping at a key."""
+    told = properties[key].pop("description")
+    readings = [NAME, *properties[key].get("anyOf", [properties[key]])]
+    properties[key] = {"anyOf": readings, "description": told}
+
+
 def _allow_names(case: dict[str, Any], definitions: dict[str, Any]) -> None:
     """Let names stand for mappings in the schema of a case, and drop what the loader fills in from `required`."""
     properties = case["properties"]
@@ -57,7 +68,7 @@ def _allow_names(case: dict[str, Any], definitions: dict[str, Any]) -> None:
         "controller": [kinds, properties["controller"]],
     }
     for key in ("damping", "record", "reference"):
-        readings[key] = [NAME, *properties[key].get("anyOf", [properties[key]])]
+        _allow_name(properties, key)
     for key, either in readings.items():
         told = properties[key].pop("description")
         properties[key] = {"anyOf": either, "description": told}

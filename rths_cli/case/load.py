@@ -165,7 +165,7 @@ def load_structure(name: str) -> tuple[StructureSpec, tuple[DampingSpec, ...], P
     if kind == "cases":
         case = load_cases([path])[0]
         return case.structure, (case.damping,), path, case.scale
-    if kind in ("rigs", "references"):
+    if kind in ("rigs", "references", "calibrations"):
         raise InputError(
             f"{display(path)}: is a {kind.removesuffix('s')}, not a structure; rths list structures lists them"
         )

@@ -98,6 +98,8 @@ def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:
     _expand_damping(children, faults, lost)
     expand_filter_choice(children)
     expand_test_band(children, faults, lost)
+    if "table" not in lost:
+        children["table"] = _with_calibration(children["table"], "table.", faults)
     _expand_real_rig(children, faults)
     _expand_file(children, ("record", "file"), "records", faults)
     _expand_file(children, ("identification", "model"), None, faults)
@@ -109,8 +111,9 @@ def expand_file(path: Path, kind: str) -> tuple[Node | None, list[Fault]]:
     source = Source(display(path), path.absolute().parent)
     faults: list[Fault] = []
     node = _from_file(Node(str(path.absolute()), Mark(source)), kind, "", faults, ())
-    if node is not None and kind == "rigs" and is_real(node):
-        node = _with_whole_paths(node)
+    if node is not None and kind == "rigs":
+        node = _with_calibration(node, "", faults)
+        node = _with_whole_paths(node) if is_real(node) else node
     elif node is not None and kind == "structures":
         node = _with_law_files(node, "", faults)
     return node, faults
@@ -292,6 +295,27 @@ def _use_model(children: dict[str, Node], model: Node, faults: list[Fault]) -> N
         advice = "identify the rig (rths identify) and name its model file here, or under identification.model"
         faults.append(Fault(model.mark, "table.model", f"no such file: {printable(str(model.value))[:300]}; {advice}"))
     children["identification"] = replace(options, value={**options.value, "model": model})
+
+
+def _with_calibration(rig: Node, above: str, faults: list[Fault]) -> Node:
+    """Return a rig with the content of the calibration file that it names."""
+    node = rig.children.get("calibration")
+    if node is None or not isinstance(node.value, str):
+        return rig
+    try:
+        path = Path(os.path.abspath(_plain_file(node.value, node.mark.source.folder)))
+    except InputError as error:
+        advice = "rths calibrate writes one; remove the key until there is one"
+        faults.append(Fault(node.mark, f"{above}calibration", f"{error}, or {advice}"))
+        return replace(rig, value={key: one for key, one in rig.children.items() if key != "calibration"})
+    _, tree, found = read_file(path)
+    faults += found
+    if tree is None or not isinstance(tree.value, dict):
+        if not found:
+            told = f"{display(path)} holds no keys of a calibration; rths calibrate writes one"
+            faults.append(Fault(node.mark, f"{above}calibration", told))
+        return replace(rig, value={key: one for key, one in rig.children.items() if key != "calibration"})
+    return replace(rig, value={**rig.children, "calibration": replace(tree, key_mark=node.key_mark)})
 
 
 def _with_law_files(structure: Node, above: str, faults: list[Fault]) -> Node:

@@ -20,6 +20,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails
 
+from rths_cli.case.calibration_schema import CalibrationSpec
 from rths_cli.case.field_types import Problem, Range, Strict, entry, exactly_one, listed, near, number, refusal, shown
 from rths_cli.case.further_channel_schema import DEFAULT_UNCERTAINTY, FurtherChannelSpec, Relative, corner_problems
 from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
@@ -64,6 +65,10 @@ FORCE = "force of the actuator, +-, estimated from accelerations and masses"
 COMMAND_RATE = "change of the command per second"
 TRACKING_ERROR = "desired less measured acceleration of the table, +-"
 LOST_SAMPLES = f"how many answers of the rig in a row may be lost; default: {DEFAULT_LOST_SAMPLES}"
+CALIBRATION = (
+    "file of a calibration (rths calibrate), relative to this file; what it found takes the place of sensitivities and "
+    "uncertainties here"
+)
 ENERGY_RATIO = (
     "energy that errors of the table may add, of that exchanged with the specimen; "
     f"default of a real rig: {DEFAULT_ENERGY_RATIO}"
@@ -179,6 +184,17 @@ class RigSpec(Strict):
     limits: LimitsSpec = Field(default=LimitsSpec(), description=LIMITS)
     nominal: NominalSpec = Field(default=NominalSpec(), description=NOMINAL)
     uncertainty: UncertaintySpec = Field(default=UncertaintySpec(), description=DECLARED)
+    calibration: CalibrationSpec | None = Field(default=None, description=CALIBRATION)
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out what is not stated, so that models of older versions stay those of their rig."""
+        data: dict[str, Any] = write(self)
+        return {key: data[key] for key in data if key not in self.unstated()}
+
+    def unstated(self) -> set[str]:
+        """Return the keys that are left out of the rig as it is written."""
+        return {"calibration"} if self.calibration is None else set()
 
 
 ONLY_REAL = "belongs to a real rig; remove it"
@@ -206,11 +222,9 @@ class VirtualRigSpec(RigSpec):
         default=VirtualImperfections(), description="how the laboratory differs from what its files declare"
     )
 
-    @model_serializer(mode="wrap")
-    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out imperfections that there are none of, so that models of older versions stay those of their rig."""
-        data: dict[str, Any] = write(self)
-        return {key: data[key] for key in data if key != "imperfections" or not self.imperfections.off}
+    def unstated(self) -> set[str]:
+        """Return the keys that are left out of the rig as it is written: also imperfections that there are none of."""
+        return super().unstated() | ({"imperfections"} if self.imperfections.off else set())
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:

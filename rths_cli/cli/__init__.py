@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rths_cli.cli import (
+    calibrate,
     check,
     doctor,
     export,
@@ -26,6 +27,7 @@ from rths_cli.cli.logs import add_log_options
 
 __all__ = [
     "SIGNALS",
+    "calibrate",
     "check",
     "cli",
     "doctor",

@@ -62,7 +62,8 @@ def cell_weight(rig: RigInfo, floor_masses_kg: Array, interface_mass_kg: float, 
     if shear_from == "load_cell":
         return 1.0
     masses = cell_reads(floor_masses_kg, interface_mass_kg, 0.0)
-    squares = np.array([channel.uncertainty**2 + rig.uncertainty.mass**2 for channel in rig.channels])
+    weighed = (rig.uncertainty.mass, *rig.uncertainty.of_masses(len(rig.channels) - 1))
+    squares = np.array([one.uncertainty**2 + mass**2 for one, mass in zip(rig.channels, weighed, strict=True)])
     of_accelerations = float(masses**2 @ squares / masses.sum() ** 2)
     of_cell = rig.further[rig.shear_cell].uncertainty ** 2
     total = of_accelerations + of_cell

@@ -88,6 +88,7 @@ class Tested:
     compared_hz: tuple[float, float] = COMPARED_HZ  # band in which the table's model is compared with its data
     scale: dict[str, float] | None = None  # factors by quantity, prototype over model; None: the case states none
     record_s: float = 0.0  # length of the record in the laboratory
+    calibration: str = ""  # day and person of the rig's calibration file; "": it has none
 
 
 @dataclass(frozen=True)
@@ -246,5 +247,6 @@ def _about(setup: Setup, model: str) -> Tested:
         test_band_hz=case.test_band_hz,
         compared_hz=setup.compared.hz,
         record_s=float(setup.motion.time_s[-1]),
+        calibration="" if case.table.calibration is None else case.table.calibration.told,
         scale=None if setup.similitude is None else setup.similitude.factors,
     )

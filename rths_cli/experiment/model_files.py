@@ -41,6 +41,10 @@ HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
     "sensors": LEVELS,
     "channels": {"__all__": LEVELS},
     "imperfections": {"laboratory"},
+    "calibration": {
+        **dict.fromkeys(("made_utc", "by", "model", "masses"), True),
+        "channels": {"__all__": {"sensitivity_uncertainty", "joint_uncertainty"}},
+    },
 }
 
 
@@ -163,7 +167,7 @@ def differences(stated: Mapping[str, str | int | float], wanted: Mapping[str, st
     if stated.get("rig_sha256") != wanted["rig_sha256"]:
         faults.append(
             f"identified on rig {stated.get('rig', 'unknown')}, the case's rig {wanted['rig']} is another one (or its "
-            "file has changed); identify the rig of the case"
+            "file or calibration has changed); identify the rig of the case"
         )
     if stated.get("laboratory") != wanted.get("laboratory") and not faults:
         faults.append(

@@ -39,6 +39,7 @@ def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[s
         "method": case.method,
         "rig": case.table.name,
         "rig_kind": case.table.kind,
+        **({} if case.table.calibration is None else {"calibration": case.table.calibration.told}),
         "driver_verified": "",  # known only after the rig was opened; its stage then states it
         "overrides": " ".join(setup.overrides),
         "own_parts": " ".join(setup.parts),

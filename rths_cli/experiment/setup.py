@@ -26,7 +26,7 @@ from rths_cli.numerics.lti import Array
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import metrics_of
 from rths_cli.rigs.description import RigInfo
-from rths_cli.rigs.from_case import rig_info, true_values
+from rths_cli.rigs.from_case import calibration_faults, rig_info, true_values
 from rths_cli.structure import Building, Similitude, build, similitude_of
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def make_setup(
 
     With `shared`, cases with the same record or building compute it once.
     """
-    faults = [*_payload_faults(case), *_accept_faults(case)]
+    faults = [*_payload_faults(case), *_accept_faults(case), *calibration_faults(case)]
     if faults:
         raise InputError(*(placed(case, fault) for fault in faults))
     shared = shared or SharedValues()

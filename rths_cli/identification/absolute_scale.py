@@ -79,7 +79,7 @@ def _observed(
 
     b and c are a lag and a corner between the two; they say nothing of the scale.
     """
-    weights, rows, wanted = np.zeros(3 * channels + len(masses_kg)), [], []
+    rows, wanted = [], []
     own = channel.uncertainty
     for s, accel, reading in seen:
         if channel.kind == "displacement":
@@ -94,14 +94,34 @@ def _observed(
     left = values - factors @ slopes
     variance = float(left @ left) / max(left.size - 3, 1)
     random = np.sqrt(covariance(slopes, variance)[0, 0]) / abs(factors[0])
+    if channel.kind == "force":
+        own *= 1.0 + channel.plate_mass_kg / masses_kg.sum()
+    value = float(np.log(factors[0])) if factors[0] > 0.0 else np.nan
+    return Observation(place, value, demand_of(channel, masses_kg, channels), float(np.hypot(random, own)))
+
+
+def demand_of(channel: Channel, masses_kg: Array, channels: int) -> Array:
+    """Return what of log gains, corners, lags and log masses (3 c + n,) adds up to the log of a channel's reading over
+    what the accelerometers demand of it, for a displacement sensor or load cell of the table of gain 1."""
+    weights = np.zeros(3 * channels + len(masses_kg))
     if channel.kind == "displacement":
         weights[0] = -1.0
     else:
         share, plate = masses_kg / masses_kg.sum(), channel.plate_mass_kg / masses_kg.sum()
         weights[0], weights[1:channels], weights[3 * channels :] = -plate, -share, share
-        own *= 1.0 + plate
-    value = float(np.log(factors[0])) if factors[0] > 0.0 else np.nan
-    return Observation(place, value, weights, float(np.hypot(random, own)))
+    return weights
+
+
+def taken_up(mean: Array, spread: Array, weights: Array, value: float, error: float) -> tuple[Array, Array]:
+    """Return mean (p,) and covariance (p, p) after an observation weights (p,) @ parameters = value +- error.
+
+    A step of a Kalman filter; nothing changes where neither parameters nor observation are uncertain.
+    """
+    column = spread @ weights
+    total = float(weights @ column) + error**2
+    if total <= 0.0:
+        return mean, spread
+    return mean + column * (value - float(weights @ mean)) / total, spread - np.outer(column, column) / total
 
 
 def with_scale(found: Calibration, seen: Sequence[Observation], further: int = 0) -> Calibration:
@@ -115,12 +135,7 @@ def with_scale(found: Calibration, seen: Sequence[Observation], further: int = 0
     for one in seen:
         if not np.isfinite(one.value):
             continue
-        column = spread @ one.weights
-        total = float(one.weights @ column) + one.error**2
-        if total <= 0.0:
-            continue
-        mean = mean + column * (one.value - float(one.weights @ mean)) / total
-        spread = spread - np.outer(column, column) / total
+        mean, spread = taken_up(mean, spread, one.weights, one.value, one.error)
     gain, coupling, late_s, mass = np.split(mean, [channels, 2 * channels, 3 * channels])
     own = np.ones(max([further, *(one.place + 1 for one in seen)]))
     for one in seen:

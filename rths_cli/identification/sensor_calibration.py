@@ -81,7 +81,7 @@ def priors_of(info: RigInfo, sensors_removed: bool, table: Model) -> Priors:
         np.array([channel.uncertainty for channel in info.channels]),
         np.full(count, declared.corner * dynamics),
         np.full(count, declared.skew_s * dynamics),
-        np.full(count - 1, declared.mass),
+        np.array(declared.of_masses(count - 1)),
         abs(table.gain) * info.dt_s / 12.0 * dynamics,
     )
 

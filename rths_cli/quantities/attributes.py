@@ -77,6 +77,12 @@ OF_FILE = (
     AttributeDeclaration("rig", "text", "name of the rig"),
     AttributeDeclaration("rig_kind", "text", "virtual, udp, ni, or the kind of a package"),
     AttributeDeclaration(
+        "calibration",
+        "text",
+        "day and person of the rig's calibration file",
+        present="only of a rig with a calibration",
+    ),
+    AttributeDeclaration(
         "driver_verified",
         "text",
         "what was behind a real rig's driver: hardware, loopback or fake; empty for a virtual rig",

@@ -119,6 +119,7 @@ def _about(about: Tested) -> list[str]:
         labelled("record", f"{about.record} x {about.scaling:g}, {about.sample_rate_hz:g} Hz"),
         *scale,
         labelled("controller", f"{about.controller}, method {about.method}"),
+        *([labelled("calibration", about.calibration)] if about.calibration else []),
         labelled("model", about.model),
         *overrides,
     ]

@@ -91,18 +91,26 @@ class Limits:
 class Uncertainty:
     """Standard uncertainties of what a laboratory declares beside sensitivities: AC corners and weighed masses relative
     to their values, the instants at which channels are sampled in s, and the relative changes of a sensitivity and of
-    the specimen's stiffness from the identification to the test. 0: exactly as declared."""
+    the specimen's stiffness from the identification to the test. 0: exactly as declared.
+
+    `masses`: of each floor on the table, where a calibration states what scales showed; (): all as `mass`.
+    """
 
     corner: float = 0.1
     skew_s: float = 25e-6
     mass: float = 0.003
     drift: float = 0.0005
     specimen: float = 0.005
+    masses: tuple[float, ...] = ()
 
     @property
     def any(self) -> bool:
         """Return whether an identification may find anything that differs from what is declared."""
-        return max(self.corner, self.skew_s, self.mass) > 0.0
+        return max(self.corner, self.skew_s, self.mass, *self.masses) > 0.0
+
+    def of_masses(self, floors: int) -> tuple[float, ...]:
+        """Return the relative uncertainties of the masses of the floors on the table, upwards."""
+        return self.masses or (self.mass,) * floors
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rths_cli.case.further_channel_schema import FurtherChannelSpec
+from rths_cli.case.resolve import VARIED
 from rths_cli.case.rig_schema import (
     DEFAULT_LOST_SAMPLES,
     ChannelSpec,
@@ -27,6 +28,7 @@ from rths_cli.structure import assemble
 from rths_cli.structure.storey_laws import stacked
 
 if TYPE_CHECKING:
+    from rths_cli.case.calibration_schema import CalibrationSpec
     from rths_cli.case.case_schema import Case
     from rths_cli.case.rig_schema import LimitsSpec, RealSensorsSpec, RigSpec
     from rths_cli.numerics.lti import Array
@@ -37,9 +39,82 @@ if TYPE_CHECKING:
     from rths_cli.rigs.virtual.virtual_rig import VirtualRig
     from rths_cli.structure import Building
 
+SAME = 1e-6  # relative difference within which a stated number is the same
+
 
 def rig_info(case: Case) -> RigInfo:
-    """Return what is known of the case's rig with its structure on it."""
+    """Return what is known of the case's rig with its structure on it: as declared, and as calibrated where its file
+    names a calibration."""
+    info = declared_info(case)
+    if case.table.calibration is None:
+        return info
+    return _as_calibrated(info, case.table.calibration, case.structure.experimental.masses_kg)
+
+
+def _as_calibrated(info: RigInfo, calibration: CalibrationSpec, masses_kg: Sequence[float]) -> RigInfo:
+    """Return a rig with the sensitivities and uncertainties of a calibration in the place of the declared ones.
+
+    What the structure states of a mass, `masses_kg` (n,), is off by its difference from the weighed one as well.
+    """
+    found = {one.name: one for one in calibration.channels}
+    stated = {channel.name: mass for channel, mass in zip(info.channels[1:], masses_kg, strict=True)}
+    weighed = {
+        one.floor: math.hypot(one.mass_uncertainty, math.log(stated[one.floor] / one.mass_kg))
+        for one in calibration.masses
+        if one.floor in stated
+    }
+
+    def of(channels: tuple[Channel, ...]) -> tuple[Channel, ...]:
+        return tuple(
+            replace(
+                channel,
+                sensitivity_v_per_unit=found[channel.name].sensitivity_v_per_unit,
+                uncertainty=found[channel.name].sensitivity_uncertainty,
+            )
+            if channel.name in found
+            else channel
+            for channel in channels
+        )
+
+    masses = tuple(weighed.get(channel.name, info.uncertainty.mass) for channel in info.channels[1:])
+    uncertainty = replace(info.uncertainty, masses=masses) if weighed else info.uncertainty
+    return replace(info, channels=of(info.channels), further=of(info.further), uncertainty=uncertainty)
+
+
+def calibration_faults(case: Case) -> Iterator[str]:
+    """Yield a sentence for each thing in which a case's calibration belongs to another rig, sensor or specimen."""
+    calibration, key = case.table.calibration, "table.calibration"
+    if calibration is None:
+        return
+    again = "calibrate again (rths calibrate), or remove the key"
+    if calibration.rig != case.table.name.removesuffix(VARIED):
+        yield f"{key}: belongs to rig {calibration.rig}, this one is {case.table.name}; {again}"
+        return
+    info = declared_info(case)
+    declared = {channel.name: channel.sensitivity_v_per_unit for channel in info.all_channels}
+    if foreign := [one.name for one in calibration.channels if one.name not in declared]:
+        yield f"{key}: holds channel {', '.join(foreign)}, the rig has {', '.join(declared)}; {again}"
+    stale = [
+        f"{one.name} {one.declared_v_per_unit:.6g}, now {declared[one.name]:.6g}"
+        for one in calibration.channels
+        if one.name in declared and abs(declared[one.name] / one.declared_v_per_unit - 1.0) > SAME
+    ]
+    if stale:
+        yield f"{key}: was made when the rig file declared other sensitivities ({'; '.join(stale)} V per unit); {again}"
+    masses = dict(zip(channel_names(case)[1:], case.structure.experimental.masses_kg, strict=True))
+    for weighed in calibration.masses:
+        stated = masses.get(weighed.floor)
+        if stated is None:
+            yield f"{key}: holds the mass of {weighed.floor}, on the table stand {', '.join(masses)}; {again}"
+        elif abs(stated / weighed.mass_kg - 1.0) > max(weighed.mass_uncertainty, SAME):
+            yield (
+                f"{key}: {weighed.floor} weighs {weighed.mass_kg:.6g} kg +- {100 * weighed.mass_uncertainty:.2g} %, "
+                f"the structure states {stated:.6g}; correct masses_kg of the structure, or weigh again"
+            )
+
+
+def declared_info(case: Case) -> RigInfo:
+    """Return what the case's rig file declares, without regard to a calibration."""
     table = case.table
     names = channel_names(case)
     real = table if isinstance(table, RealRigSpec) else None
@@ -197,8 +272,16 @@ def virtual_driver(case: Case, info: RigInfo, building: Building, seed: Sequence
     """Return the virtual rig of a case; raises InputError where its rig is another."""
     from rths_cli.rigs.virtual.virtual_rig import virtual_rig
 
-    mass = building.interface_experimental_mass_kg
+    mass, info = building.interface_experimental_mass_kg, _as_built(case, info)
     return virtual_rig(simulated(case), info, building.specimen, mass, tuple(seed), changed, case_seed=case.seed)
+
+
+def _as_built(case: Case, info: RigInfo) -> RigInfo:
+    """Return a virtual rig's description with declared sensors: its hidden ones are off by what nobody can declare."""
+    if case.table.calibration is None:
+        return info
+    declared = declared_info(case)
+    return replace(info, channels=declared.channels, further=declared.further, uncertainty=declared.uncertainty)
 
 
 def true_building(case: Case, declared: Building) -> Building | None:
@@ -255,7 +338,9 @@ def _laboratory(case: Case, info: RigInfo) -> Laboratory | None:
     from rths_cli.rigs.virtual.virtual_rig import true_laboratory
 
     floors = len(case.structure.experimental.masses_kg)
-    return true_laboratory(simulated(case), case.seed, floors, [one.uncertainty for one in info.further])
+    return true_laboratory(
+        simulated(case), case.seed, floors, [one.uncertainty for one in _as_built(case, info).further]
+    )
 
 
 def simulated(case: Case) -> VirtualRigSpec:

@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import pytest
 
+from rths_cli.case.calibration_schema import CalibrationSpec
 from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.file_kinds import TELLING, is_record, kind_of, written_by_rths
 from rths_cli.case.load import load_cases
@@ -55,6 +56,7 @@ def test_no_two_kinds_share_a_telling_key_and_each_key_is_one_of_its_kind() -> N
         "structures": set(StructureSpec.model_fields),
         "rigs": {*NiRigSpec.model_fields, *UdpRigSpec.model_fields, *VirtualRigSpec.model_fields},
         "references": set(ReferenceSpec.model_fields),
+        "calibrations": set(CalibrationSpec.model_fields) - {"channels"},  # a rig has them too, but no made_utc
         "studies": set(StudyKeys.model_fields),
     }
     for kind, keys in TELLING.items():
@@ -125,3 +127,15 @@ def test_an_unknown_name_lists_only_its_own_kind(own: Path) -> None:
     assert "b5" not in known("cases", own) and "compose" not in known("cases", own)
     with pytest.raises(InputError, match="'el_centro' is a record, not a structure; rths list structures shows what"):
         find("el_centro", "structures", own)
+
+
+def test_a_calibration_is_none_of_the_files_that_commands_take(tmp_path: Path) -> None:
+    (tmp_path / "lab.yaml").write_text("rig: bench\nmade_utc: 2026-11-24T09:30:00Z\nchannels: []\n")
+    assert "lab" not in known("rigs", tmp_path)
+    with pytest.raises(InputError, match=r"is a calibration, not a case; a rig file names it \(calibration: "):
+        load_cases([tmp_path / "lab.yaml"])
+
+
+def test_a_rig_that_states_only_its_calibration_is_listed(tmp_path: Path) -> None:
+    (tmp_path / "bench.yaml").write_text("extends: aps400_laboratory\ncalibration: lab.yaml\n")
+    assert "bench" in known("rigs", tmp_path)

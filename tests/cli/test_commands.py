@@ -28,7 +28,8 @@ def test_help_imports_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["run", "sweep", "check", "report", "identify", "records", "new", "schema", "doctor", "serve"]
+    "command",
+    ["run", "sweep", "check", "report", "identify", "records", "new", "schema", "doctor", "calibrate", "serve"],
 )
 def test_every_command_has_help_with_an_example(command: str) -> None:
     done = rths(command, "--help")

@@ -47,8 +47,8 @@ COMMANDS = {
     "structure --figure": Writes(("structure", "three_storey", "--figure", "s.pdf"), "s.pdf"),
 }
 """Every command that writes files that may be replaced, and each kind of file."""
-NEVER = {"new", "recover", "serve"}
-"""Commands that replace nothing: a case of the user, a complete result, a key."""
+NEVER = {"calibrate", "new", "recover", "serve"}
+"""Commands that replace nothing: a calibration, a case of the user, a complete result, a key."""
 NOTHING = {"check", "doctor", "list", "records", "schema"}
 """Commands that write no file that the user names."""
 Call = Callable[..., tuple[int, str]]

@@ -14,7 +14,7 @@ from golden import golden
 from test_recover import killed
 from wrong_inputs import COMMON, Wrong, printed
 
-EXACT = ("new", "records", "structure", "list")
+EXACT = ("new", "records", "structure", "list", "calibrate")
 COMMANDS = {
     "run": "run pulse --quiet",
     "run_answer": "run pulse",
@@ -28,6 +28,8 @@ COMMANDS = {
     "new": "new my_case.yaml",
     "list": "list structures",
     "doctor": "doctor --rate 100 --seconds 0.2 --quiet",
+    "calibrate": "calibrate pulse --set table=aps400_laboratory --sensitivity table=1012mV/g+-0.2% "
+    "--mass floor_3=5.01+-0.005 --by Z.Sun --output lab.yaml",
     "serve": "serve --seconds 0.2 --port 0",
     "recover": "recover results/killed.exp_rths.rthslog",
 }
@@ -57,6 +59,7 @@ def masked(name: str, text: str) -> str:
     text = re.sub(r"(?m)^.* \(after \d+ s\)\n", "", text)  # progress, on a slow machine
     text = re.sub(r"(model +)(cache|identified).*", r"\1(where it is from)", text)
     text = re.sub(r"\d{4}-\d\d-\d\d[ T][\d:]+(\.\d+)?( UTC|Z)?", "(time)", text)
+    text = re.sub(r"\d{4}-\d\d-\d\d", "(day)", text)
     text = re.sub(r"(key file |RTHS_KEY_FILE=)\S+?(?=;|$)", r"\1(key)", text, flags=re.MULTILINE)
     text = re.sub(r"127\.0\.0\.1:\d+", "localhost:(port)", text)
     if name in EXACT:

@@ -96,6 +96,8 @@ WORKBOOK = b"PK\x03\x04\x14\x00\x06\x00\x08\x00" + bytes(40)
 GAL = "".join(f"{0.01 * k:.2f},{300 * math.sin(0.1 * k):.4f}\n" for k in range(300))
 PEAKS = "0.00;-0,133655\n0.01;-0,2\n0.02;0,1\n"
 
+LABORATORY = "--set table=aps400_laboratory"
+
 WRONG: tuple[Wrong, ...] = (
     # the command line
     Wrong("mistyped the command", "rnu pulse"),
@@ -237,6 +239,18 @@ WRONG: tuple[Wrong, ...] = (
     Wrong("gave an empty record", "check x.yaml", record("")),
     Wrong("gave a record in cm/s^2 that says m/s^2", "check x.yaml", record("time_s,accel_m_s2\n" + GAL)),
     Wrong("scaled beyond the table", "run x.yaml", case("scaling: 1.0", "scaling: 10"), 3, masked=True),
+    # calibrating a rig
+    Wrong("calibrated a rig without its case", "calibrate aps400_laboratory --output lab.yaml"),
+    Wrong("measured nothing", f"calibrate pulse {LABORATORY} --output lab.yaml"),
+    Wrong("gave no uncertainty", f"calibrate pulse {LABORATORY} --output lab.yaml --sensitivity table=1012mV/g"),
+    Wrong(
+        "compared in mV/g without saying so",
+        f"calibrate pulse {LABORATORY} --output lab.yaml --sensitivity table=1012+-2",
+    ),
+    Wrong("would calibrate into an old file", f"calibrate pulse {LABORATORY} --output pulse.yaml --mass floor_3=5+-1%"),
+    Wrong(
+        "gave the calibration instead of the case", "check lab.yaml", {"lab.yaml": "rig: bench\nmade_utc: 2026-11-24\n"}
+    ),
 )
 
 

@@ -186,6 +186,7 @@ ABOUT = {
     "platform": "platform",
     "rig": "rig",
     "rig_kind": "kind of rig",
+    "calibration": "calibration of the rig",
     "driver_verified": "driver verified on",
     "seed": "seed",
     "sample_rate_hz": "sample rate (Hz)",

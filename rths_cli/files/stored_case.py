@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,21 @@ from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
 from rths_cli.numerics.lti import Array
 
+CASES = 16  # the answer alone asks eight times for the case of one result
+
 
 def stored_case(result: Result) -> dict[str, Any]:
-    """Return the case of a result with all its defaults; {} where a damaged file has lost it."""
+    """Return the case of a result with all its defaults; {} where a damaged file has lost it.
+
+    All callers share the dictionary: it is not to be changed.
+    """
+    return _read(result.resolved_yaml)
+
+
+@lru_cache(maxsize=CASES)
+def _read(text: str) -> dict[str, Any]:
     try:
-        case = yaml.safe_load(result.resolved_yaml)
+        case = yaml.safe_load(text)  # the loader in C crashes on deeply nested text
     except yaml.YAMLError:
         return {}
     return case if isinstance(case, dict) else {}

@@ -164,9 +164,12 @@ def _group_starts(frequency_hz: Array) -> list[int]:
     return starts
 
 
-def explained(chain: Grouped) -> Explained:
-    """Return how well a chain with free stiffnesses and dashpots explains grouped lines."""
-    found = [_storey(chain, i) for i in range(1, len(chain.masses_kg) + 1)]
+def explained(chain: Grouped, errors: bool = True) -> Explained:
+    """Return how well a chain with free stiffnesses and dashpots explains grouped lines.
+
+    Without `errors` the standard errors are left out, not a number.
+    """
+    found = [_storey(chain, i, errors) for i in range(1, len(chain.masses_kg) + 1)]
     count = 2.0 * len(chain.omega) - len(chain.accel) - len(chain.further)
     return Explained(
         np.array([storey.chi_square for storey in found]),
@@ -203,17 +206,21 @@ class _Storey:
     dashpots: Array
 
 
-def _storey(chain: Grouped, i: int) -> _Storey:
+def _storey(chain: Grouped, i: int, errors: bool) -> _Storey:
     """Return the best fit of storey i (from 1): with a finite stiffness, without stiffness, or rigid."""
     inertia = chain.masses_kg[i - 1 :] @ chain.accel[i:]
     drift = chain.displacement[i] - chain.displacement[i - 1]
     damping = np.diff(chain.velocity, axis=0)
     columns = np.array([drift, *damping, *chain.further])
     n, stiffness = len(damping), 0.0
-    for _ in range(ROUNDS):
-        stiffness = max(_solved(chain, i, inertia, columns, stiffness).factors[0], 0.0)
     found = _solved(chain, i, inertia, columns, stiffness)
-    best = _Storey(found.chi_square, float(found.factors[0]), found.first_error(), found.factors[1 : n + 1])
+    for _ in range(ROUNDS):
+        before, stiffness = stiffness, max(found.factors[0], 0.0)
+        if stiffness == before:
+            break
+        found = _solved(chain, i, inertia, columns, stiffness)
+    error = found.first_error() if errors else float("nan")
+    best = _Storey(found.chi_square, float(found.factors[0]), error, found.factors[1 : n + 1])
     if found.factors[0] <= 0.0:
         found = _solved(chain, i, inertia, columns[1:], 0.0)
         best = _Storey(found.chi_square, 0.0, float("inf"), found.factors[:n])

@@ -68,14 +68,16 @@ def _whole(chain: Grouped) -> Iterator[Suspect]:
     """Yield the faults without a size, each with its misfit: reversed signs, exchanged channels, reversed order."""
     count = len(chain.accel)
     for index in range(count):
-        yield Suspect(SIGN, (index,), -1.0, _misfit(explained(chain.multiplied(_only(count, index, -1.0)))))
+        yield Suspect(
+            SIGN, (index,), -1.0, _misfit(explained(chain.multiplied(_only(count, index, -1.0)), errors=False))
+        )
     for pair in combinations(range(count), 2):
         order = list(range(count))
         order[pair[0]], order[pair[1]] = pair[1], pair[0]
-        yield Suspect(SWAP, pair, 1.0, _misfit(explained(chain.permuted(order))))
+        yield Suspect(SWAP, pair, 1.0, _misfit(explained(chain.permuted(order), errors=False)))
     if count > LEAST_REVERSED:
         order = [0, *range(count - 1, 0, -1)]
-        yield Suspect(REVERSED, tuple(range(1, count)), 1.0, _misfit(explained(chain.permuted(order))))
+        yield Suspect(REVERSED, tuple(range(1, count)), 1.0, _misfit(explained(chain.permuted(order), errors=False)))
 
 
 def _sized(chain: Grouped, dt_s: float) -> Iterator[Suspect]:
@@ -123,6 +125,9 @@ def _least(changed: Callable[[float], Grouped], bounds: tuple[float, float]) -> 
     from scipy.optimize import minimize_scalar
 
     found = minimize_scalar(
-        lambda size: _misfit(explained(changed(float(size)))), bounds=bounds, method="bounded", options={"xatol": 1e-3}
+        lambda size: _misfit(explained(changed(float(size)), errors=False)),
+        bounds=bounds,
+        method="bounded",
+        options={"xatol": 1e-3},
     )
     return float(found.x), float(found.fun)

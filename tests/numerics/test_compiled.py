@@ -16,6 +16,7 @@ import every_entry
 import numba
 import numpy as np
 import pytest
+from forked_programs import Program
 from numba.core.errors import NumbaError
 
 import rths_cli
@@ -88,14 +89,16 @@ print(len(said), value[0], *said)
 
 
 @contextmanager
-def started(cache: Path, code: str = HELLO, **settings: str) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(
-        [sys.executable, "-c", code],
-        env={**os.environ, "XDG_CACHE_HOME": str(cache), **settings},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def started(cache: Path, code: str = HELLO, **settings: str) -> Iterator[subprocess.Popen[str] | Program]:
+    """Start a program: forked where numba has no settings, which it reads when it is imported."""
+    environment = {**os.environ, "XDG_CACHE_HOME": str(cache), **settings}
+    process: subprocess.Popen[str] | Program
+    if settings or not hasattr(os, "fork"):
+        process = subprocess.Popen(
+            [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+    else:
+        process = Program(code, environment)
     try:
         yield process
     finally:
@@ -103,7 +106,7 @@ def started(cache: Path, code: str = HELLO, **settings: str) -> Iterator[subproc
         process.communicate()
 
 
-def finished(process: subprocess.Popen[str]) -> list[str]:
+def finished(process: subprocess.Popen[str] | Program) -> list[str]:
     """Return the number of compilations a process announced, its result, and the words of the announcement."""
     out, err = process.communicate(timeout=120)
     assert process.returncode == 0, err

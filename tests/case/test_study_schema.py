@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-import jsonschema
 import pytest
 import yaml
+from schema_validators import validator
 
-from rths_cli.case.json_schema import schema
 from rths_cli.case.load import load_cases, load_study
 from rths_cli.errors import InputError
 
@@ -87,10 +85,6 @@ def faults_of(path: Path) -> tuple[str, ...]:
     return caught.value.faults
 
 
-def validator() -> Any:
-    return jsonschema.Draft202012Validator(schema("study"))
-
-
 def test_every_kind_of_axis_is_read_and_the_schema_accepts_it(tmp_path: Path) -> None:
     path = tmp_path / "s.yaml"
     path.write_text(WHOLE)
@@ -99,7 +93,7 @@ def test_every_kind_of_axis_is_read_and_the_schema_accepts_it(tmp_path: Path) ->
     assert kinds[:4] == ["ListAxis", "ListAxis", "RangeAxis", "FolderAxis"]
     assert kinds[4:] == ["NormalAxis", "LognormalAxis", "UniformAxis", "TruncatedNormalAxis"] + 2 * ["EmpiricalAxis"]
     assert places["record"].endswith("s.yaml:7:3: axes.record")
-    validator().validate(yaml.safe_load(WHOLE))
+    validator("study").validate(yaml.safe_load(WHOLE))
 
 
 @pytest.mark.parametrize(("text", "fault"), WRONG)

@@ -195,6 +195,10 @@ def _bounded(metrics: Mapping[str, Any]) -> tuple[float, ...]:
     return tuple(float(np.asarray(metrics.get(name, np.full(late.shape, np.nan)))[place]) for name in names)
 
 
+def _kind(line: Mapping[str, Any]) -> tuple[str, str, float]:
+    return line["case"], line["sensors"], line["spread"]
+
+
 def main() -> int:
     """Play or tell; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -214,9 +218,9 @@ def main() -> int:
                 kept.append(played(asked.case, number, asked.sensors, asked.spread))
                 with asked.files[0].open("a") as file:
                     file.write(json.dumps(kept[-1]) + "\n")
-    for kind in sorted({(line["sensors"], line["spread"]) for line in kept}):
-        print(f"sensors: {kind[0]}; true spread over declared: {kind[1]:g}")
-        told([line for line in kept if (line["sensors"], line["spread"]) == kind])
+    for kind in sorted({_kind(line) for line in kept}):
+        print(f"{kind[0]}; sensors: {kind[1]}; true spread over declared: {kind[2]:g}")
+        told([line for line in kept if _kind(line) == kind])
     return 0
 
 

@@ -166,7 +166,7 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("table", "1", ("table_entry",), "causes in the table, the likeliest first"),
             ("storeys", "1", ("storeys_entry",), "storeys of the specimen, from 1, whose stiffness depends on level"),
         ),
-        "low_level": (("accel_rms_m_s2", "m/s^2", (), "its RMS nominal acceleration below 12 Hz"),),
+        "low_level": (("accel_rms_m_s2", "m/s^2", (), "its nominal RMS acceleration below the excitation's corner"),),
     }  # fmt: skip
 
 

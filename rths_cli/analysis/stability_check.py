@@ -262,7 +262,8 @@ def stability(
     gains = np.stack([_worst_gain(each, frequency, identified_hz) for each in (seen, loop.loop)])
     errors = np.stack([_tolerated(each, gain) for each, gain in zip((seen, loop.loop), gains, strict=True)])
     tolerated, gain = errors.min(axis=0), np.where(errors[0] <= errors[1], *gains)
-    wanted = required(frequency, model.band_hz, scatter, levels, unpaired_zeros(model, compared), compared)
+    measured_hz = model.band_hz[0], min(model.band_hz[1], float(measured.frequency_hz[-1]))
+    wanted = required(frequency, measured_hz, scatter, levels, unpaired_zeros(model, compared), compared)
     nearest = int(np.argmin(tolerated / wanted))
     weakest = int(np.argmin(np.where(frequency <= compared.high_hz, tolerated, math.inf)))
     apart = np.abs((1.0 + seen) / (1.0 + loop.loop) - 1.0)
@@ -311,15 +312,16 @@ def required(
 
     It is the error that identification and verification cannot exclude. Its terms are the change that a verification
     accepts, SIGMA times the uncertainty `scatter` (n,) of the measured response, the change with the level and with
-    friction, and unknown modes beyond the identified band `band_hz`. A mode at twice the end of the band adds
-    (f / f_0)^2 below it. Below the band, and above the `compared` one, the verification is coarse, and its term is that
+    friction, and unknown modes beyond the measured band `band_hz`. A mode at f_0, twice the end of the band, adds
+    (f / f_0)^2 below it; up to the end of the band the measured response contains that. Below the band, and above the
+    `compared` one, the verification is coarse, and its term is that
     of a table without a record at low level. The sum is at most 1, but beyond the band at least the motion of an
     oscillator at each of the `zeros` (z,) in rad/s, those of the model whose pole was not measured (`unpaired_zeros`).
     """
     end_hz = max(band_hz[1], compared.high_hz)
     verified = (frequency_hz >= band_hz[0]) & (frequency_hz <= compared.high_hz) & bool(levels)
     unseen = np.where(verified, UNSEEN_CHANGE, UNCOMPARED_CHANGE)
-    beyond = (frequency_hz / (2.0 * end_hz)) ** 2
+    beyond = np.where(frequency_hz > band_hz[1], (frequency_hz / (2.0 * end_hz)) ** 2, 0.0)
     total = np.minimum(unseen + SIGMA * scatter + _by_level(frequency_hz, levels) + beyond, 1.0)
     return np.maximum(total, _beside(frequency_hz, end_hz, zeros))
 

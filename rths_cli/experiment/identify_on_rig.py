@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,9 +22,9 @@ from rths_cli.experiment.setup import Progress, Setup
 from rths_cli.identification import excitation, low_level_probe
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.excitation import Excitation, ExcitationSettings
-from rths_cli.identification.identify import IdentificationSettings
+from rths_cli.identification.identify import LEAST_LEVELS, IdentificationSettings
 from rths_cli.identification.identify import identify as evaluate
-from rths_cli.identification.inputs import BAND_HZ, PAPER_BAND_HZ
+from rths_cli.identification.inputs import BAND_HZ, PAPER_BAND_HZ, level_ratio
 from rths_cli.identification.low_level_probe import Level
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import Identification
@@ -44,6 +45,7 @@ PERIOD_S = {"multisine": 20.0, "sweep": 40.0}  # longer where the compared band 
 SESSIONS = {IDENTIFICATION: "identification", PROBE: "probe", VERIFICATION: "verification"}
 RECORDS = {IDENTIFICATION: "full level", PROBE: "probe", VERIFICATION: "verification"}
 ADVICE = "lower identification.accel_rms_m_s2"
+TOO_NEAR = "the probe was less than 1.5 times quieter"
 NOT_BY_MOTION = (LOST, OVERRUN, RIG_FAULT, OPERATOR)  # a quieter excitation would not help
 
 
@@ -145,6 +147,8 @@ def noted(found: Identification, notes: Sequence[str]) -> Identification:
 def measure(setup: Setup, progress: Progress, planned: Excitation | None = None) -> Measured:
     """Play probe and excitation on the rig and return the records.
 
+    The probe is the record at low level, unless the limits lower the excitation so far that the two levels cannot be
+    compared: then the same noise is played again, as a probe of the level that the excitation had.
     Raises LimitError or RigError if one of them was stopped, RigError if the probe shows a dead channel.
     """
     planned = planned or plan(setup)
@@ -154,9 +158,13 @@ def measure(setup: Setup, progress: Progress, planned: Excitation | None = None)
         record, loud, level, said = _excited(setup, low, quiet, planned, number, progress)
         notes += [note for note in said if note not in notes]
         records.append(record)
+    lines = _lines(setup, loud, level)
+    if evaluation_settings(setup.case.identification).like_noise and level_ratio(records, quiet) < LEAST_LEVELS:
+        low, quiet = probed(setup, progress, (PROBE, 1), loud.accel_rms_m_s2)
+        lines = (*lines, ("low level", f"{low.accel_rms_m_s2:.2g} m/s^2 rms, after the excitation: {TOO_NEAR}"))
     kind = setup.case.table.kind
     source = f"excited on the {kind} table for this model"
-    return Measured(tuple(records), quiet, source, _lines(setup, loud, level), tuple(notes))
+    return Measured(tuple(records), quiet, source, lines, tuple(notes))
 
 
 def _excited(
@@ -203,13 +211,21 @@ def _allowed(setup: Setup, low: Excitation, quiet: Record, loud: Excitation) -> 
         raise RigError(f"identification of rig {setup.rig.name}: {'; '.join(error.faults)}") from error
 
 
-def probed(setup: Setup, progress: Progress, stream: int = PROBE) -> tuple[Excitation, Record]:
-    """Play the probe and return its plan and measurements."""
-    options = setup.case.identification
-    low = low_level_probe.probe_plan(setup.rig, excitation_settings(options), options.seed)
+def probed(
+    setup: Setup, progress: Progress, stream: tuple[int, ...] = (PROBE,), wanted_m_s2: float | None = None,
+    most_m_s2: float = math.inf,
+) -> tuple[Excitation, Record]:  # fmt: skip
+    """Play the probe and return its plan and measurements.
+
+    `wanted_m_s2`: full level in m/s^2 rms to which it belongs, by default the one that the case asks for. `most_m_s2`:
+    level that it must not exceed.
+    """
+    options, settings = setup.case.identification, excitation_settings(setup.case.identification)
+    settings = settings if wanted_m_s2 is None else replace(settings, accel_rms_m_s2=wanted_m_s2)
+    low = low_level_probe.probe_plan(setup.rig, settings, options.seed, most_m_s2)
     seconds = low.command_v.size * setup.rig.dt_s
     what = f"probe of {seconds:.0f} s at {low.accel_rms_m_s2:.2g} m/s^2 rms"
-    command, corrected, further, _ = repeated(setup, low.command_v, (stream,), what, progress)
+    command, corrected, further, _ = repeated(setup, low.command_v, stream, what, progress)
     return low, Record(command, corrected, low.parts, further)
 
 

@@ -75,6 +75,8 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
         groups["calibration"] = _fields(found.calibration)
     if found.causes.table or found.causes.storeys:
         groups["level_causes"] = _fields(found.causes)
+    if found.low_level_m_s2 is not None:
+        groups["low_level"] = {"accel_rms_m_s2": found.low_level_m_s2}
     for table in TABLES:
         if rows := getattr(found, table):
             groups[table] = _columns(rows)
@@ -102,6 +104,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         calibration=_made(Calibration, groups["calibration"]) if "calibration" in groups else None,
         causes=_made(LevelCauses, groups.get("level_causes", {})),
         compared=_made(ComparedBand, groups.get("compared", {})),
+        low_level_m_s2=float(groups["low_level"]["accel_rms_m_s2"]) if "low_level" in groups else None,
         **tables,
     )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from rths_cli.experiment.identify_on_rig import probed
@@ -27,10 +29,10 @@ def verify(setup: Setup, known: Identification, progress: Progress) -> tuple[tup
 
     Returns the reasons why the model must not be used, and a sentence on the comparison. Because of friction the
     response at low level differs from that at full level. If the identification had a record at low level, the two
-    records at low level are compared.
+    records at low level are compared, and the new one is played at the level of the first.
     """
     setup = setup.calibrated(known)
-    _, record = probed(setup, progress, VERIFICATION)
+    _, record = probed(setup, progress, (VERIFICATION,), most_m_s2=known.low_level_m_s2 or math.inf)
     faults = channel_signals.signal_faults(record, setup.rig)
     if faults:
         return tuple(faults), "verification: channels unusable"

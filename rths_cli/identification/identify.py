@@ -20,6 +20,7 @@ from rths_cli.identification import (
 )
 from rths_cli.identification.absolute_scale import observations, with_scale
 from rths_cli.identification.channel_signals import UnfitRecord
+from rths_cli.identification.excitation import accel_rms
 from rths_cli.identification.excitation_headroom import louder
 from rths_cli.identification.frequency_response import estimate, noise_floor
 from rths_cli.identification.identify_table import TableFit, coherent_up_to, fit_table, levels, with_ripple
@@ -204,7 +205,15 @@ def _identification(
         latency=table.latency,
         causes=table.causes,
         compared=compared,
+        low_level_m_s2=_low_level(data),
     )
+
+
+def _low_level(data: Evidence) -> float | None:
+    """Return the nominal rms acceleration in m/s^2 of the record at low level, None without one."""
+    if data.quiet is None:
+        return None
+    return accel_rms(data.quiet.command_v, data.info, data.quiet.parts.noise, data.settings.compared)
 
 
 def _roots(data: Evidence, table: _Table, specimen: SpecimenFit | None) -> tuple[Root, ...]:

@@ -67,8 +67,13 @@ class Evidence:
         """Return the table's rms at full level over that at low level; infinite without a record at low level."""
         if self.quiet is None:
             return float("inf")
-        loud = float(np.mean([record.accel_m_s2[0, record.parts.noise].std() for record in self.records]))
-        return loud / float(self.quiet.accel_m_s2[0, self.quiet.parts.noise].std())
+        return level_ratio(self.records, self.quiet)
+
+
+def level_ratio(records: Sequence[Record], quiet: Record) -> float:
+    """Return the table's rms in the records at full level, their mean, over that in the record at low level."""
+    loud = float(np.mean([record.accel_m_s2[0, record.parts.noise].std() for record in records]))
+    return loud / float(quiet.accel_m_s2[0, quiet.parts.noise].std())
 
 
 def evidence(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -81,12 +82,13 @@ class Bound(NamedTuple):
         return self.level_m_s2 * self.share * self.limit / self.expected
 
 
-def probe_plan(info: RigInfo, settings: ExcitationSettings, seed: int) -> Excitation:
+def probe_plan(info: RigInfo, settings: ExcitationSettings, seed: int, most_m_s2: float = math.inf) -> Excitation:
     """Plan the probe: silence, 20 s of shaped noise at a fifth of the requested or permitted level, and a rest.
 
     All limits are judged by the nominal acceleration, because the table's response is not known yet. If a fifth of the
     level is less than 10 bits of the accelerometers, the probe is up to half of it, and a note says so. The noise has
-    its own random stream, so that it changes no other excitation. Raises InputError if the settings cannot be met.
+    its own random stream, so that it changes no other excitation. `most_m_s2`: a level in m/s^2 rms that it must not
+    exceed, whatever a fifth is. Raises InputError if the settings cannot be met.
     """
     check(info, settings)
     dt, random = info.dt_s, np.random.default_rng((seed, 1))
@@ -96,11 +98,14 @@ def probe_plan(info: RigInfo, settings: ExcitationSettings, seed: int) -> Excita
     highest, _ = reachable_level(info, signal, settings.accel_rms_m_s2, compared=compared)
     bit = max(info.converters.step_v / channel.sensitivity_v_per_unit for channel in info.channels)
     level = max(PROBE_SHARE * highest, min(MOST_PROBE_SHARE * highest, PROBE_BITS * bit))
+    usual = level == PROBE_SHARE * highest
+    if most_m_s2 < WORTH_LOWERING * level:
+        level, usual = most_m_s2, True
     noise = noise * level / accel_rms(noise, info, compared=compared)
     pieces = (still(SILENCE_S, dt), noise, still(REST_S, dt))
     start = len(pieces[0])
     played = slice(start, start + len(noise))
-    notes = () if level == PROBE_SHARE * highest else (_raised(level, settings),)
+    notes = () if usual else (_raised(level, settings),)
     command = rounded(np.concatenate(pieces), info.converters.step_v)
     stretches = (Stretch(played, level, reach(info, noise)),)
     return Excitation(command, dt, Parts(played, slice(0, start)), level, notes, stretches, compared)

@@ -220,6 +220,7 @@ class Identification:
     causes: LevelCauses = LevelCauses()  # of a difference between the levels
     compared: ComparedBand = USUAL  # band in which the models were compared with the data
     calibration: Calibration | None = None  # of sensors and masses; None: they are exactly as declared
+    low_level_m_s2: float | None = None  # nominal RMS of the record at low level; None: there is none
     # equally likely identifications, without samples themselves; (): the model's uncertainty is not known as a whole
     samples: tuple[Identification, ...] = ()
 

@@ -24,6 +24,7 @@ GROUPS = {
     "latency": "Delay from command to table: converter, hold and transport.",
     "calibration": "Sensors and weighed masses relative to what is declared, as the records show them.",
     "level_causes": "What makes the responses at low and at full level differ.",
+    "low_level": "The record at low level, with which a later verification is compared.",
     "channels": "A row per channel: what it showed under excitation.",
     "candidates": "A row per model order that was tried.",
     "roots": "A row per pair of roots of the model of method best, or per single real one.",
@@ -165,6 +166,7 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("table", "1", ("table_entry",), "causes in the table, the likeliest first"),
             ("storeys", "1", ("storeys_entry",), "storeys of the specimen, from 1, whose stiffness depends on level"),
         ),
+        "low_level": (("accel_rms_m_s2", "m/s^2", (), "its nominal RMS acceleration below the excitation's corner"),),
     }  # fmt: skip
 
 

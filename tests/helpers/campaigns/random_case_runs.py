@@ -170,9 +170,9 @@ def _run(setup: Setup, memory: Memory, folder: Path) -> tuple[Ended, Played]:
         path.unlink()
     if ended.status != "complete":
         return ended, Played(ended.reason, float("nan"), float("nan"))
-    sim = rms(Truth(setup).sim.abs_accel_m_s2)
-    true, measured = (np.asarray(figures[f"exp_rths.rms_error_m_s2{end}"]) for end in ("_true", ""))
-    return ended, Played("", float((true / sim).max()), float((measured / sim).max()))
+    sim, as_it_is = (rms(one.abs_accel_m_s2) for one in (Truth(setup).sim, Truth(setup).sim_as_it_is))
+    true, measured = (np.asarray(figures[f"exp_rths.{name}rms_error_m_s2"]) for name in ("true_reference_", ""))
+    return ended, Played("", float((true / as_it_is).max()), float((measured / sim).max()))
 
 
 def _predicted(setup: Setup, checked: Verdict) -> float:

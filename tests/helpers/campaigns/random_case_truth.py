@@ -21,6 +21,7 @@ from rths_cli.experiment.setup import Setup
 from rths_cli.identification.results import Identification
 from rths_cli.identification.table_fit import within
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
+from rths_cli.rigs.from_case import true_building
 from rths_cli.rigs.virtual.plant import accelerations, continuous
 from rths_cli.structure import modes
 
@@ -40,7 +41,8 @@ LINES_HZ = np.arange(0.1, 80.0, 0.05)
 @dataclass(frozen=True)
 class Played:
     """What an EXP-RTHS did: why it stopped ("": it did not), its true and its measured error over SIM's RMS, worst
-    storey (NaN: it was stopped)."""
+    storey (NaN: it was stopped). The true one is that of the true accelerations against SIM of the declared numerical
+    storeys below the specimen as it is."""
 
     stopped: str
     error: float
@@ -67,6 +69,12 @@ class Truth:
     def sim(self) -> Response:
         """Return the exact response of the whole building."""
         return simulate(self.setup.building, self.setup.rig.dt_s, self.setup.motion.accel_m_s2)
+
+    @cached_property
+    def sim_as_it_is(self) -> Response:
+        """Return the exact response of the declared numerical storeys below the specimen as it is."""
+        building = true_building(self.setup.case, self.setup.building) or self.setup.building
+        return simulate(building, self.setup.rig.dt_s, self.setup.motion.accel_m_s2)
 
     @cached_property
     def shares(self) -> dict[str, float]:

@@ -484,5 +484,5 @@ def test_changed_options_of_a_plug_in_make_another_rig(
     save(tmp_path / "m.h5", before, default_identification, "measured", "")
     assert load(tmp_path / "m.h5", with_options("{lag_s: 0.02, box: {port: 1}}")).found
     for other in ("{lag_s: 0.03, box: {port: 1}}", "{lag_s: 0.02, box: {port: 2}}", "{lag_s: 0.02}"):
-        with pytest.raises(InputError, match="its file has changed"):
+        with pytest.raises(InputError, match="its file or calibration has changed"):
             load(tmp_path / "m.h5", with_options(other))

@@ -25,6 +25,16 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "check": QUICK,
     "run": (*QUICK, "--set", "runs=[sim]"),
     "identify": (*QUICK, "--set", "sample_rate_hz=500", "--set", "identification.duration_s=40", "--no-figure"),
+    "calibrate": (
+        *QUICK,
+        "--set",
+        "table=aps400_laboratory",
+        "--sensitivity",
+        "table=0.1022+-0.2%",
+        "--output",
+        "c.yaml",
+        "--yes",
+    ),
     "sweep": (*QUICK, "--seeds", "1", "--jobs", "1"),
     "merge": ("part.h5", "--output", "whole.h5"),
     "report": ("result.h5",),
@@ -49,6 +59,8 @@ FORMS: dict[str, tuple[str, ...]] = {
     "--set": ("{}", "{}=1", "scaling={}", "table={}", "record={}", "runs={}"),
     "--vary": ("{}", "{}=0.1,0.2", "scaling={}", "scaling=0.1:{}:3", "scaling=0.1:0.2:{}", "scaling={},0.2"),
     "--seeds": ("{}", "0:{}", "{}:3"),
+    "--sensitivity": ("{}", "floor_2={}", "{}=0.1022+-0.2%", "floor_2=0.1022+-{}"),
+    "--mass": ("{}", "floor_2={}", "{}=6.91+-0.1%", "floor_2=6.91+-{}"),
     "--channel": ("{}", "table={}", "{}=table", "table=table:{}"),
 }
 """How a value stands in options of several parts."""

@@ -23,6 +23,7 @@ from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.durable_files import write_new
 from rths_cli.identification.compared_sensors import Belief, Measured, after, before, contradiction
 from rths_cli.rigs.from_case import declared_info
+from rths_cli.safe_text import shortened
 
 CONTRADICTS = 5.0  # standard uncertainties from which a measurement is a mistake in a file, a unit or a reading
 KG = "kg"
@@ -31,7 +32,7 @@ NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 MEASURED = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*(?:\+-|\+/-|±)\s*({NUMBER})\s*(.*?)\s*")
 VOLTS: Mapping[str, float] = {"V": 1.0, "mV": 1e-3}
 WEIGHTS: Mapping[str, float] = {KG: 1.0, "g": 1e-3}
-LONGEST_NAME = 200  # characters of the person's name
+LONGEST_NAME, LONGEST_MEASURED = 200, 100  # characters of the person's name, and of a measurement
 HEAD = """\
 # Calibration of rig {rig}, written by rths calibrate. The rig file names it: calibration: {name}
 # Sensitivities are in V per m/s^2, m, N or 1; uncertainties are relative, one standard deviation.
@@ -179,10 +180,13 @@ def _measurements(asked: CalibrateRequest, parameters: Sequence[_Parameter]) -> 
         places = {one.name: i for i, one in enumerate(parameters) if one.option == option}
         for text in texts:
             name, _, told = text.partition("=")
+            text = shortened(text)
             place = places.get(name.strip())
             try:
                 if place is None:
-                    raise InputError(f"{option} {text}: there is no {name.strip()!r}, only {', '.join(places)}")
+                    raise InputError(
+                        f"{option} {text}: there is no {shortened(name.strip())!r}, only {', '.join(places)}"
+                    )
                 if any(one.place == place for one in found):
                     raise InputError(f"{option} {text}: {name.strip()} is given before; give one value, the mean")
                 found.append(_read(told, place, parameters[place]))
@@ -215,7 +219,10 @@ def _asked(ask: Ask, parameters: Sequence[_Parameter], belief: Belief, said: lis
 
 def _read(told: str, place: int, parameter: _Parameter) -> Measured:
     """Return the measurement that a text VALUE+-UNCERTAINTY states, in the parameter's unit or in the one it names."""
-    matched, label = MEASURED.fullmatch(told), f"{parameter.option} {parameter.name}={told.strip()}"
+    label = f"{parameter.option} {parameter.name}={shortened(told.strip())}"
+    matched = (
+        MEASURED.fullmatch(told) if len(told) <= LONGEST_MEASURED else None
+    )  # a long one takes the pattern minutes
     if matched is None:
         example = f"{parameter.name}={parameter.declared:.5g}+-0.2%"
         raise InputError(f"{label}: state value and standard uncertainty in {parameter.unit}, such as {example}")

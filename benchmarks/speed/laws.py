@@ -49,7 +49,7 @@ def kinds(stiffness_n_per_m: float) -> dict[str, tuple[Law, ...]]:
         "Bouc-Wen": BoucWen(k, YIELD_M, 0.05),
         "Clough": Clough(k, YIELD_M, 0.05, 0.4),
         "gap": ElasticGap(k, YIELD_M),
-        "friction": Friction(1.0, 1e-4),
+        "friction": Friction(0.2, 1e-4),
         "cubic": Cubic(0.2 * k / YIELD_M**2, 0.01),
         "maxwell": Maxwell(0.3 * k, 50.0),
         "viscous": ViscousPower(4.0, 0.5),

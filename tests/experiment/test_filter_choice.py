@@ -93,6 +93,7 @@ def test_the_choice_is_told_and_repeats_as_stated(memory: Memory) -> None:
         (*COARSE, "kalman.q=1000.0"),
         (*COARSE, "kalman.residual_hz=40.0"),
         (*COARSE, "check.specimen_range=[0.8, 1.0]"),  # a specimen that may change cannot be trusted
+        (*COARSE, "table.uncertainty={corner: 0, skew_s: 0, mass: 0, drift: 0, specimen: 0.05}"),
         (*COARSE, "method=paper"),
     ],
 )

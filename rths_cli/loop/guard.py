@@ -176,8 +176,27 @@ def beyond(g: GuardState, value: float, reason: int) -> int:
 
 @part
 def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array, expected: Array) -> int:
-    """Check the samples; return the reason to stop, or NONE. The channel concerned is stored."""
-    force = 0.0
+    """Check the samples; return the reason to stop, or NONE. The channel concerned is stored.
+
+    Whether all is well is found without a branch for each channel, which the processor would often guess wrongly.
+    """
+    force, well = 0.0, True
+    for c in range(g.codes.size):
+        note_code(g, c, samples[c], expected)
+        well &= (abs(samples[c]) < lim.saturation_v[c]) & (not abs(accel[c]) > lim.abort[c]) & (not is_stuck(lim, g, c))
+        force += lim.force_weights[c] * accel[c]
+    reason = NONE if well else fault_of_samples(lim, g, samples, accel)
+    if reason == NONE:
+        reason = check_further(lim, g, samples, accel)
+    if reason != NONE:
+        return reason
+    g.flags[2] = NO_CHANNEL
+    return beyond(g, abs(force), FORCE) if abs(force) > lim.force_n else NONE
+
+
+@part
+def fault_of_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array) -> int:
+    """Return why the first faulty accelerometer stops the test, NONE without one; its channel is stored."""
     for c in range(g.codes.size):
         g.flags[2] = c
         if not math.isfinite(samples[c]):
@@ -186,14 +205,9 @@ def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array,
             return beyond(g, abs(samples[c]), SATURATED)
         if abs(accel[c]) > lim.abort[c]:
             return beyond(g, abs(accel[c]), ACCELERATION)
-        if is_stuck(lim, g, c, samples[c], expected):
+        if is_stuck(lim, g, c):
             return beyond(g, must_have_moved(g, c), STUCK)
-        force += lim.force_weights[c] * accel[c]
-    reason = check_further(lim, g, samples, accel)
-    if reason != NONE:
-        return reason
-    g.flags[2] = NO_CHANNEL
-    return beyond(g, abs(force), FORCE) if abs(force) > lim.force_n else NONE
+    return NONE
 
 
 @part
@@ -234,12 +248,18 @@ def measured_reach(lim: GuardLimits, state: Array, place: float) -> float:
     Its velocity is the difference of the samples, at most the permitted one, behind a low pass: a sensor that jumps is
     no table that moves. Braking begins after REACTION_S.
     """
-    changed = min(max((place - state[PLACE]) / lim.dt_s, -lim.velocity_m_s), lim.velocity_m_s)
+    changed = min(max((place - state[PLACE]) * (1.0 / lim.dt_s), -lim.velocity_m_s), lim.velocity_m_s)
     state[SPEED] += (changed - state[SPEED]) * lim.dt_s / (VELOCITY_S + lim.dt_s)
     state[PLACE] = place
     speed = state[SPEED]
-    braked = place + speed * REACTION_S + 0.5 * speed * abs(speed) / (BRAKE_SHARE * lim.acceleration_m_s2)
+    braked = place + speed * REACTION_S + braking_distance(lim, speed)
     return max(abs(place), abs(braked))
+
+
+@part
+def braking_distance(lim: GuardLimits, velocity: float) -> float:
+    """Return the displacement in m, with its sign, that a velocity needs to be braked; what divides is a constant."""
+    return velocity * abs(velocity) * (0.5 / (BRAKE_SHARE * lim.acceleration_m_s2))
 
 
 @part
@@ -261,20 +281,26 @@ def differs(state: Array, must: float, shown: float, corner_hz: float, dt_s: flo
 
 
 @part
-def is_stuck(lim: GuardLimits, g: GuardState, c: int, sample: float, expected: Array) -> bool:
-    """Return whether a channel kept its code for 0.5 s while it should have moved by more than 10 of its bits.
+def note_code(g: GuardState, c: int, sample: float, expected: Array) -> None:
+    """Note for how long a channel has shown this sample, and how far it should have moved meanwhile.
 
-    `expected` (2, c) are the accelerations expected from the desired and from the measured motion of the table; both
-    must have changed. In the quiet end of a record friction may hold a table that is commanded to move, and a drifting
-    sensor of the table may show motion while everything rests.
+    `expected` (2, c) are the accelerations expected from the desired and from the measured motion of the table.
     """
     changed = sample != g.codes[c]
     g.codes[c], g.same[c] = sample, 0 if changed else g.same[c] + 1
     for i in range(2):
-        if changed:
-            g.expected_at[i, c], g.moved[i, c] = expected[i, c], 0.0
-        else:
-            g.moved[i, c] = max(g.moved[i, c], abs(expected[i, c] - g.expected_at[i, c]))
+        now, begun, moved = expected[i, c], g.expected_at[i, c], g.moved[i, c]
+        begun, moved = now if changed else begun, 0.0 if changed else moved
+        g.expected_at[i, c], g.moved[i, c] = begun, max(moved, abs(now - begun))
+
+
+@part
+def is_stuck(lim: GuardLimits, g: GuardState, c: int) -> bool:
+    """Return whether a channel kept its code for 0.5 s while it should have moved by more than 10 of its bits.
+
+    By the desired and by the measured motion of the table it should. In the quiet end of a record friction may hold a
+    table that is commanded to move, and a drifting sensor of the table may show motion while everything rests.
+    """
     return g.same[c] * lim.dt_s >= STUCK_S and must_have_moved(g, c) > lim.stuck[c]
 
 
@@ -301,12 +327,12 @@ def check_command(lim: GuardLimits, g: GuardState, a: int, command: float) -> in
     if abs(command) > lim.command_v:
         return beyond(g, abs(command), COMMAND)
     place = lim.gain_m_per_v * command
-    velocity = (place - g.motion[a]) / lim.dt_s
+    velocity = (place - g.motion[a]) * (1.0 / lim.dt_s)
     if abs(velocity) > lim.velocity_m_s:
         return beyond(g, abs(velocity), VELOCITY)
     if abs(velocity) > lim.gain_m_per_v * lim.command_rate_v_s:
         return beyond(g, abs(velocity) / lim.gain_m_per_v, RATE)
-    braked = place + 0.5 * velocity * abs(velocity) / (BRAKE_SHARE * lim.acceleration_m_s2)
+    braked = place + braking_distance(lim, velocity)
     if max(abs(place), abs(braked)) > farthest(lim):
         return beyond(g, max(abs(place), abs(braked)), STROKE)
     return NONE
@@ -435,7 +461,7 @@ def guard(
         if reason == NONE:
             for a in range(len(g.actuators)):
                 place = lim.gain_m_per_v * command[a]
-                g.motion[len(g.actuators) + a] = (place - g.motion[a]) / lim.dt_s
+                g.motion[len(g.actuators) + a] = (place - g.motion[a]) * (1.0 / lim.dt_s)
                 g.motion[a] = place
             g.flags[3] += 1
             return

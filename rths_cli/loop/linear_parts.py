@@ -11,7 +11,7 @@ from rths_cli.control.state_space import static
 from rths_cli.loop.parts import Room
 from rths_cli.numerics.compiled import part_class
 from rths_cli.numerics.lti import Array, Block
-from rths_cli.numerics.tiled_products import copied, product, tiled
+from rths_cli.numerics.tiled_products import copied, product, product_of_four, tiled
 
 NOTHING = np.zeros(0)
 ROUNDS = 12  # of the fixed point in `substitute`: each reduces the error to 1/8 at 1 kHz, 1/4 at 500 Hz
@@ -43,13 +43,7 @@ class Channels(NamedTuple):
         """Correct the samples (c,) in V of every channel for its sensor; write its values (c,) in their unit."""
         for c in range(samples.size):
             self.given[c, 3] = samples[c]
-            last, before, total, corrected = 0.0, 0.0, 0.0, 0.0
-            for j in range(4):
-                value = self.given[c, j]
-                last += self.matrix[c, j, 0] * value
-                before += self.matrix[c, j, 1] * value
-                total += self.matrix[c, j, 2] * value
-                corrected += self.matrix[c, j, 3] * value
+            last, before, total, corrected = product_of_four(self.matrix[c], self.given[c])
             self.given[c, 0], self.given[c, 1], self.given[c, 2] = last, before, total
             accel[c] = corrected
 

@@ -44,11 +44,20 @@ BACKBONE, UNLOADING, RELOADING = 1.0, 2.0, 3.0
 
 @part
 def damper(numbers: Array, rate: float, gives: float) -> float:
-    """Return the force of a damper at the rate `rate - gives * force`: `gives` in m/s per N, at least zero."""
+    """Return the force of a damper at the rate `rate - gives * force`: `gives` in m/s per N, at least zero.
+
+    The usual exponents 1/2 and 2 make a quadratic equation for the root of the rate, or for the rate.
+    """
     c, power, knee, slope = numbers[0], numbers[1], numbers[2], numbers[3]
     size = abs(rate)
     if size <= knee * (1.0 + gives * slope):
         return slope * rate / (1.0 + gives * slope)
+    if power == 0.5:
+        half = 0.5 * gives * c
+        return math.copysign(c * size / (half + math.sqrt(half * half + size)), rate)
+    if power == 2.0:
+        v = 2.0 * size / (1.0 + math.sqrt(1.0 + 4.0 * gives * c * size))
+        return math.copysign(c * v * v, rate)
     v = size
     force = c * v**power
     r = gives * force / size

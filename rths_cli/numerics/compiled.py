@@ -46,6 +46,7 @@ Class = TypeVar("Class", bound=type)
 ONLY_CALLED_BY_COMPILED_CODE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # half the time to compile
 PART = {"error_model": "numpy", "forceinline": True, **ONLY_CALLED_BY_COMPILED_CODE}  # error_model: 1 / 0 is inf
 ENTRY = {"error_model": "numpy", "nogil": True}
+FUSED = {"fastmath": {"contract"}}  # the only thing that LLVM may change in the arithmetic of a function
 PACKAGE = Path(__file__).resolve().parents[1]
 ABOVE = ("__main__.py", "api", "cli", "experiment", "report", "studies")  # compiled code imports nothing of these
 WITHOUT_EFFECT = ("NUMBA_CACHE_DIR=", "NUMBA_NUM_THREADS=", "NUMBA_THREADING_LAYER=")  # settings, on our machine code
@@ -132,6 +133,12 @@ def entry(function: Callable[..., Any]) -> Entry:
 def part(function: F) -> F:
     """Compile a function into its compiled callers."""
     return _without_constants(numba.njit(**PART)(function))
+
+
+def fused_part(function: F) -> F:
+    """Compile a function into its compiled callers, a product and the sum that takes it in one instruction with one
+    rounding, where the processor has it: for sums of products."""
+    return _without_constants(numba.njit(**PART, **FUSED)(function))
 
 
 def _without_constants(made: F) -> F:

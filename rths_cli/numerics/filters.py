@@ -11,10 +11,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from rths_cli.numerics.compiled import borrowed, entry, part
+from rths_cli.numerics.compiled import borrowed, entry, fused_part, part
 from rths_cli.numerics.lti import Array
 
 FORWARD, BACKWARD = 1, -1
+NEUTRAL = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0])  # a section that changes nothing
 LANES = 4  # series that are filtered at once
 _Coefficients = tuple[float, float, float, float, float]
 _Sample = tuple[float, float, float]
@@ -40,14 +41,15 @@ def empty_tiles(series: int, samples: int, padding: int) -> Array:
 def filter_tiles_both_ways(sections: Array, tiles: Array, padding: int) -> None:
     """Filter series in tiles (n_tiles, n + 2 padding, 4) in place, forward and backward, as scipy's sosfiltfilt does.
 
-    `sections` (2, 6) are those of a filter of order 3 or 4. The ends are extended by odd reflection over `padding`
-    samples, which replaces what stands there, and both passes start in the steady state of their first value. A NaN
-    makes its whole series NaN.
+    `sections` (1, 6) or (2, 6) are those of a filter of order 1 to 4. The ends are extended by odd reflection over
+    `padding` samples, which replaces what stands there, and both passes start in the steady state of their first value.
+    A NaN makes its whole series NaN.
     """
     if padding:
         end = tiles.shape[1] - padding
         tiles[:, :padding] = 2.0 * tiles[:, padding : padding + 1] - tiles[:, 2 * padding : padding : -1]
         tiles[:, end:] = 2.0 * tiles[:, end - 1 : end] - tiles[:, end - 2 : end - 2 - padding : -1]
+    sections = np.vstack([sections, *[NEUTRAL] * (2 - len(sections))])
     steady = _steady(tuple(map(tuple, sections.tolist())))[:, None, :, None]
     _run(sections, np.ascontiguousarray(steady * tiles[:, :1]), tiles, FORWARD)
     _run(sections, np.ascontiguousarray(steady * tiles[:, -1:]), tiles, BACKWARD)
@@ -61,11 +63,12 @@ def _steady(sections: tuple[tuple[float, ...], ...]) -> Array:
     return np.asarray(sosfilt_zi(np.array(sections)))
 
 
-@part
+@fused_part
 def _sample(c: _Coefficients, x: float, u: float, v: float) -> _Sample:
-    """Return output and states of a section (transposed direct form II) after the sample x."""
+    """Return output and states of a section (transposed direct form II) after the sample x; what waits for the output
+    comes last."""
     y = c[0] * x + u
-    return y, c[1] * x - c[3] * y + v, c[2] * x - c[4] * y
+    return y, (c[1] * x + v) - c[3] * y, c[2] * x - c[4] * y
 
 
 @part

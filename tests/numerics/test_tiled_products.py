@@ -7,7 +7,16 @@ import pytest
 
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
-from rths_cli.numerics.tiled_products import copied, padded, product, product_of_squares, shifted, squares, tiled
+from rths_cli.numerics.tiled_products import (
+    copied,
+    padded,
+    product,
+    product_of_four,
+    product_of_squares,
+    shifted,
+    squares,
+    tiled,
+)
 
 
 @entry
@@ -18,6 +27,11 @@ def by_tiles(tiles: Array, columns: int, given: Array, made: Array) -> None:
 @entry
 def by_squares(tiles: Array, wide: int, given: Array, made: Array) -> None:
     product_of_squares(tiles, wide, given, made)
+
+
+@entry
+def by_four(columns: Array, given: Array, made: Array) -> None:
+    made[0], made[1], made[2], made[3] = product_of_four(columns, given)
 
 
 @entry
@@ -39,6 +53,13 @@ def test_products_are_numpys(rows: int, columns: int) -> None:
     by_squares(squares(matrix), len(wide), wide, square)
     np.testing.assert_allclose(square.reshape(-1)[:rows], matrix @ given, rtol=1e-13, atol=1e-14)
     assert np.all(square.reshape(-1)[rows:] == 0.0)
+
+
+def test_four_rows_and_columns_are_numpys() -> None:
+    random = np.random.default_rng(6)
+    matrix, given, made = random.standard_normal((4, 4)), random.standard_normal(4), np.zeros(4)
+    by_four(np.ascontiguousarray(matrix.T), given, made)
+    np.testing.assert_allclose(made, matrix @ given, rtol=1e-13, atol=1e-14)
 
 
 def test_a_product_takes_the_first_columns_only() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rths_cli.numerics.compiled import borrowed, entry, part
-from rths_cli.numerics.filters import LANES, low_pass
+from rths_cli.numerics.filters import LANES, filter_tiles_both_ways, low_pass
 from rths_cli.numerics.lti import Array
 
 SLOW_ORDER = 2  # of the Butterworth filter, once
@@ -49,21 +49,19 @@ def take_off_slow_motion(tiles: Array, padding: int, corner_hz: float, dt_s: flo
         count = samples
     means = np.zeros((len(tiles), count, LANES))
     _means(tiles, padding, means)
-    rows = means.transpose(0, 2, 1).reshape(-1, count)
-    slow = _slow(rows, corner_hz, samples * dt_s / count).reshape(len(tiles), LANES, count)
-    _take_off(tiles, padding, np.ascontiguousarray(slow.transpose(0, 2, 1)))
+    _take_off(tiles, padding, _slow(means, corner_hz, samples * dt_s / count))
 
 
-def _slow(rows: Array, corner_hz: float, dt_s: float) -> Array:
-    """Return the slow motion (m, n) of m series (m, n) of block means, `dt_s` apart: parabola and low-passed rest."""
-    from scipy.signal import sosfiltfilt
-
-    basis = _parabolas(rows.shape[1])
-    trend = (rows @ basis.T) @ basis
-    more = min(round(CONTINUED_PERIODS / (corner_hz * dt_s)), rows.shape[1])
-    continued = np.pad(rows - trend, ((0, 0), (more, more)), "symmetric")
-    low = sosfiltfilt(low_pass(SLOW_ORDER, corner_hz, dt_s), continued, padlen=0)
-    return np.asarray(trend + low[:, more : more + rows.shape[1]])
+def _slow(means: Array, corner_hz: float, dt_s: float) -> Array:
+    """Return the slow motion of series of block means, `dt_s` apart, both in tiles (n_tiles, n, 4): parabola and
+    low-passed rest."""
+    count = means.shape[1]
+    basis = _parabolas(count)
+    trend = basis.T @ (basis @ means)
+    more = min(round(CONTINUED_PERIODS / (corner_hz * dt_s)), count)
+    continued = np.pad(means - trend, ((0, 0), (more, more), (0, 0)), "symmetric")
+    filter_tiles_both_ways(low_pass(SLOW_ORDER, corner_hz, dt_s), continued, 0)
+    return np.ascontiguousarray(trend + continued[:, more : more + count])
 
 
 @lru_cache(maxsize=4)

@@ -165,7 +165,7 @@ def build_plant(
         noise_rms_m_s2=noise_rms_m_s2,
         refine=refine,
         laws=laws,
-        further=further_outputs(info, a.shape[0], specimen.masses_kg, interface_mass_kg),
+        further=further_outputs(info, accel_rows, accel_friction, specimen.masses_kg, interface_mass_kg),
     )
 
 

@@ -55,7 +55,7 @@ typedef struct {
 typedef struct { Integers flags; Array motion, codes, expected_at, moved; Integers same; Array slip, energy, seen; int64_t actuators[ACTUATORS], axes[AXES]; Array compared; } GuardState;
 
 typedef struct { int64_t storeys; } NoLaws;
-typedef struct { Array states, accelerations, range, noise_rms, v_per_unit; } FurtherOutputs; /* none here */
+typedef struct { Array states, friction, accelerations, range, noise_rms, v_per_unit; } FurtherOutputs; /* none here */
 typedef struct {
   Array push, filters, nodes, feed, start, accel_rows, accel_friction;
   double steps_cubed, bend, reference_per_velocity;
@@ -66,7 +66,7 @@ typedef struct {
   NoLaws laws;
   FurtherOutputs further;
 } Plant;
-typedef struct { Array state, state_tiles, low, coupled, made, made_tiles, begin, offsets, queue, middle_velocity; Integers fault; Array law_memory, law_free; } PlantState;
+typedef struct { Array state, state_tiles, low, coupled, made, made_tiles, begin, offsets, queue, middle_velocity; Integers fault; Array law_memory, law_free, further; } PlantState;
 
 typedef struct { Array columns; Integers done; int64_t truths, lean; } Log;
 
@@ -236,7 +236,7 @@ INLINE double must_have_moved(const GuardState *g, int64_t c) {
   return least(g->moved.at[c], g->moved.at[g->same.shape[0] + c]);
 }
 
-INLINE int is_stuck(const GuardLimits *lim, const GuardState *g, int64_t c, double sample, const double *expected) {
+INLINE void note_code(const GuardState *g, int64_t c, double sample, const double *expected) {
   const int64_t channels = g->same.shape[0];
   const int changed = sample != g->codes.at[c];
   g->codes.at[c] = sample;
@@ -247,6 +247,9 @@ INLINE int is_stuck(const GuardLimits *lim, const GuardState *g, int64_t c, doub
       g->moved.at[i] = 0.0;
     } else g->moved.at[i] = most(g->moved.at[i], fabs(expected[i] - g->expected_at.at[i]));
   }
+}
+
+INLINE int is_stuck(const GuardLimits *lim, const GuardState *g, int64_t c) {
   return g->same.at[c] * lim->dt_s >= stuck_s && must_have_moved(g, c) > lim->stuck.at[c];
 }
 
@@ -259,13 +262,14 @@ INLINE int check_samples(const GuardLimits *lim, const GuardState *g, const Step
   const double *accel = s->corrected.at;
   const int64_t channels = s->samples.shape[0];
   double force = 0.0;
+  for (int64_t c = 0; c < channels; c++) note_code(g, c, s->samples.at[c], s->expected.at);
   for (int64_t c = 0; c < channels; c++) {
     const double sample = s->samples.at[c];
     g->flags.at[2] = c;
     if (!isfinite(sample)) return NOT_A_NUMBER;
     if (fabs(sample) >= lim->saturation_v.at[c]) return beyond(g, fabs(sample), SATURATED);
     if (fabs(accel[c]) > lim->abort.at[c]) return beyond(g, fabs(accel[c]), ACCELERATION);
-    if (is_stuck(lim, g, c, sample, s->expected.at)) return beyond(g, must_have_moved(g, c), STUCK);
+    if (is_stuck(lim, g, c)) return beyond(g, must_have_moved(g, c), STUCK);
     force += lim->force_weights.at[c] * accel[c];
   }
   g->flags.at[2] = -1;

@@ -18,6 +18,7 @@ from rths_cli.numerics.lti import Model
 if TYPE_CHECKING:
     from rths_cli.files.imported_models import ForeignModel
     from rths_cli.identification.excitation import Excitation
+    from rths_cli.identification.record_parts import Record
 
 NOW, AT_REST = "identified in this run", "identified just now (simulated, no hardware)"
 
@@ -51,6 +52,7 @@ class Memory:
         self._plans: dict[str, Excitation] = {}
         self._files: dict[str, Stored | ForeignModel] = {}
         self._known: dict[str, Known] = dict(known or {})
+        self._sessions: dict[str, Record] = {}
         self._lock = RLock()
 
     def prepare(self, setup: Setup) -> None:
@@ -84,12 +86,31 @@ class Memory:
         return self._plans[key(setup)]
 
     def identify(self, setup: Setup, progress: Progress) -> Identification:
-        """Return the identification of the setup's rig and specimen."""
-        return self.known(setup, progress).found
+        """Return the identification of the setup's rig and specimen, as it was found."""
+        return with_samples(setup, self._nominal(setup, progress)).found
 
     def known(self, setup: Setup, progress: Progress) -> Known:
-        """Return the identification of the setup's rig and specimen, with its source and whether it is still valid."""
-        return with_samples(setup, self._nominal(setup, progress))
+        """Return the identification of the setup's rig and specimen as it stands in the session of the case's table
+        runs, with its source and whether it is still valid."""
+        return with_samples(setup, self._in_session(setup, self._nominal(setup, progress), progress))
+
+    def _in_session(self, setup: Setup, known: Known, progress: Progress) -> Known:
+        """Return an identification with what its record at low level shows in the session of the case's table runs.
+
+        The record that verified a model file is that of the session.
+        """
+        from rths_cli.experiment.identify_on_rig import noted
+        from rths_cli.experiment.model_verification import low_level_record
+        from rths_cli.experiment.session import session_key, wants_session_record, with_session
+
+        if not wants_session_record(setup) or known.found.low_level_lines is None or known.reasons:
+            return known
+        name = session_key(setup)
+        with self._lock:
+            if name not in self._sessions:
+                self._sessions[name] = low_level_record(setup, known.found, progress)
+        found, changes = with_session(setup, known.found, self._sessions[name])
+        return replace(known, found=noted(found, changes))
 
     def _nominal(self, setup: Setup, progress: Progress) -> Known:
         """Return the identification of the setup's rig and specimen without the caller's samples."""
@@ -112,21 +133,23 @@ class Memory:
         if isinstance(file, Stored):
             known = Known(file.found, f"{_named(file)}; a run verifies it by a short record first")
         else:
-            known = self._nominal(setup, progress)
+            known = self._in_session(setup, self._nominal(setup, progress), progress)
             known = replace(known, source=AT_REST) if known.source == NOW else known
         return with_samples(setup, known)
 
     def _from_file(self, setup: Setup, file: Stored | ForeignModel, progress: Progress) -> Known:
         """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
         from rths_cli.experiment.identify_on_rig import evaluated, measure, noted
-        from rths_cli.experiment.model_verification import verify
+        from rths_cli.experiment.model_verification import compared, low_level_record
+        from rths_cli.experiment.session import session_key
 
         if not isinstance(file, Stored):
             measured = measure(setup, progress, self.plan(setup))
             found = evaluated(setup, measured, as_model(file, setup))
             where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
             return Known(noted(found, notes_on(file)), where)
-        changes, sentence = verify(setup, file.found, progress)
+        record = self._sessions[session_key(setup)] = low_level_record(setup, file.found, progress)
+        changes, sentence = compared(setup, file.found, record)
         where = _named(file)
         reasons = (f"{where}: {'; '.join(changes)}",) if changes else ()
         return Known(noted(file.found, reasons or (f"{where}; {sentence}",)), where, reasons)

@@ -1,0 +1,190 @@
+"""What changed in sensors and converters since the identification: its record at low level, played again before a test.
+
+Both records have the same command, so that table and specimen move alike, friction and softening storeys included, and
+what a linear model leaves unexplained is in both. A change that all channels share is one of the table. What the floors
+do beyond it,
+
+    y_j = D_j - T_j D_0,    D = S - R,    T_j = R_j / R_0,
+
+with lines R of the first record and S of the second (R_0 without the alias of the held command), is a sum of what
+changed: gains of the sensors, lags between them, the alias, stiffnesses and damping ratios of the specimen. Each has
+its own course over frequency: a gain keeps its size, the lag of a channel grows with s, the alias falls with 1 / s
+relative to the motion, a stiffness acts near the modes. The alias is in the samples of the table alone.
+
+The estimate is the most probable one under independent normal priors, its covariance that of the posterior
+(A. Tarantola, Inverse Problem Theory, 2005, chapter 3); the size of the noise is that of what is left unexplained. AC
+corners are not free: far below the table's resonance a changed corner and a changed alias look the same. Converters
+act at the same instants in both sessions unless the records show another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rths_cli.identification.channel_signals import channel_noise
+from rths_cli.identification.identify_specimen import without_staircase
+from rths_cli.identification.least_squares import parts
+from rths_cli.identification.record_parts import Record, padded
+from rths_cli.identification.results import (
+    Calibration,
+    Identification,
+    LowLevelLines,
+    SessionChange,
+    SpecimenFit,
+)
+from rths_cli.identification.sensor_calibration import ripple_prior
+from rths_cli.identification.specimen_fit import ABOVE_HIGHEST, modal
+from rths_cli.numerics.lti import Array, ComplexArray, staircase
+from rths_cli.rigs.description import RigInfo
+
+LAG_PRIOR = 0.25  # of a sample interval: standard uncertainty of a change of the lag between two channels
+STIFFNESS_PRIOR, DAMPING_PRIOR = 0.02, 0.2  # relative: of the specimen's stiffnesses and damping ratios
+STEP = 1e-4  # of the logarithms of stiffness and damping ratio, over which slopes are taken
+ROUNDS = 4  # solutions, each with specimen and size of the residual of the one before
+SAME_COMMAND = 0.05  # largest relative difference of the two commands' lines
+SHOWN = 3.0  # standard uncertainties from which a change of instants is taken for one
+LEAST_LINES = 40
+BELOW_NYQUIST = 0.4  # of the sample rate, up to which lines are used
+LEAST_SIZE = 1e-3  # of what is left unexplained, in units of the noise at rest
+
+
+def low_level_lines(record: Record, info: RigInfo, low_hz: float, highest_hz: float) -> LowLevelLines:
+    """Return the lines of a record that begins and ends at rest, by a Hann window over all of it, from `low_hz` to
+    `ABOVE_HIGHEST` times the specimen's highest natural frequency `highest_hz`."""
+    samples = len(record.command_v)
+    f = np.fft.rfftfreq(samples, info.dt_s)
+    f = f[(f >= low_hz) & (f <= min(ABOVE_HIGHEST * highest_hz, BELOW_NYQUIST / info.dt_s))]
+    noise = channel_noise(record, info) * float(np.sqrt(np.sum(np.hanning(samples) ** 2)))
+    return LowLevelLines(f, _lines(record.command_v, f, info.dt_s), _lines(record.accel_m_s2, f, info.dt_s), noise)
+
+
+def _lines(signal: Array, frequency_hz: Array, dt_s: float) -> ComplexArray:
+    """Return the lines (..., m) of signals (..., n) by a Hann window over all of them."""
+    samples = signal.shape[-1]
+    first = round(float(frequency_hz[0]) * samples * dt_s)
+    return np.asarray(np.fft.rfft(np.hanning(samples) * signal, axis=-1)[..., first : first + len(frequency_hz)])
+
+
+def session_change(known: Identification, again: Record, info: RigInfo, drift: float) -> SessionChange | None:
+    """Return what changed since an identification, from its record at low level played again.
+
+    `drift`: standard uncertainty of a change of a sensitivity, relative. None where the identification keeps no lines
+    of that record, or the new one is another: other length, another command.
+    """
+    before, fit = known.low_level_lines, known.specimen
+    if before is None or fit is None or len(before.frequency_hz) < LEAST_LINES:
+        return None
+    now = low_level_lines(again, info, float(before.frequency_hz[0]), fit.natural_frequency_hz[-1])
+    if not _comparable(before, now):
+        return None
+    model, s, c = known.best, 2j * np.pi * before.frequency_hz, len(before.accel_m_s2)
+    was = before.accel_m_s2 * (now.command_v / before.command_v)
+    alias = now.command_v * staircase(before.frequency_hz, model.latency_samples, model.dt_s, model.coupling_hz)
+    over = was[1:] / (was[0] - model.ripple_m_s2_per_v * alias)
+    changed = now.accel_m_s2 - was
+    by_gain = np.concatenate([-(over * was[0])[None], np.eye(c - 1)[:, :, None] * was[1:]])  # (c, c - 1, m)
+    noise = np.hypot(before.noise, now.noise)[:, None]
+    weight = np.sqrt(2.0) / np.hypot(noise[1:], np.abs(over) * noise[0])
+    rows = np.concatenate([by_gain, -s * by_gain[1:], -(over * alias)[None]])
+    table = without_staircase(again.accel_m_s2[0], again.command_v, model)
+    problem = _Problem(rows, changed[1:] - over * changed[0], weight, fit, before.frequency_hz, table, info.dt_s)
+    instants = np.append(np.full(c - 1, LAG_PRIOR * info.dt_s), ripple_prior(model, info.dt_s))
+    found, spread, size = problem.most_probable(np.append(np.full(c, drift), instants))
+    if np.all(np.abs(found[c:]) <= SHOWN * np.sqrt(np.diag(spread)[c:])):
+        found, spread, size = problem.most_probable(np.append(np.full(c, drift), 0.0 * instants))
+    full, free = np.zeros((2 * c + 1, 2 * c + 1)), np.array([*range(c), *range(c + 1, 2 * c + 1)])
+    full[np.ix_(free, free)] = spread
+    return SessionChange(found[:c], np.append(0.0, found[c:-1]), float(found[-1]), full, size)
+
+
+def _comparable(before: LowLevelLines, now: LowLevelLines) -> bool:
+    """Tell whether two records have the same command but for rounding and level."""
+    if before.frequency_hz.shape != now.frequency_hz.shape or not np.allclose(before.frequency_hz, now.frequency_hz):
+        return False
+    apart = np.linalg.norm(now.command_v - before.command_v)
+    return bool(np.isfinite(now.accel_m_s2).all() and apart < SAME_COMMAND * np.linalg.norm(before.command_v))
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """What the floors do beyond table and specimen as they were, and what may explain it.
+
+    `rows` (k, n, m) per unit of gains and instants, `beyond` (n, m) in m/s^2, `weight` (n, m) one over the noise. The
+    specimen adds its stiffnesses and damping ratios; `table` (samples,) in m/s^2 is the motion under it.
+    """
+
+    rows: ComplexArray
+    beyond: ComplexArray
+    weight: Array
+    fit: SpecimenFit
+    frequency_hz: Array
+    table: Array
+    dt_s: float
+
+    def most_probable(self, priors: Array) -> tuple[Array, Array, float]:
+        """Return gains and instants (k,), their covariance and the rms of what is left, in units of the noise.
+
+        `priors` (k,) are their standard uncertainties, 0: not free.
+        """
+        start, slopes = self._specimen
+        n, k, size = len(slopes) // 2, len(priors), 1.0
+        priors = np.concatenate([priors, np.full(n, STIFFNESS_PRIOR), np.full(n, DAMPING_PRIOR)])
+        every = self._weighted(np.concatenate([self.rows, slopes])) * priors[:, None]
+        products, found = every @ every.T, np.zeros(len(priors))
+        for _ in range(ROUNDS):
+            beside = self._moved(found[k:]) - start - np.tensordot(found[k:], slopes, 1)  # of second order
+            wanted = self._weighted((self.beyond - beside)[None])[0]
+            scaled = np.linalg.solve(products + size**2 * np.eye(len(priors)), every @ wanted)
+            left = wanted - scaled @ every
+            size = max(float(np.sqrt(left @ left / (left.size - len(priors)))), LEAST_SIZE)
+            found = scaled * priors
+        spread = np.linalg.inv(products / size**2 + np.eye(len(priors))) * np.outer(priors, priors)
+        return found[:k], spread[:k, :k], size
+
+    def _weighted(self, rows: ComplexArray) -> Array:
+        """Return rows (k, n, m) over the noise, real and imaginary parts side by side."""
+        return parts(self.weight * rows).reshape(len(rows), -1)
+
+    @cached_property
+    def _specimen(self) -> tuple[ComplexArray, ComplexArray]:
+        """Return the lines (n, m) of the floors on the specimen as it was, and their slopes (2 n, n, m)."""
+        steps = STEP * np.eye(2 * len(self.fit.stiffness_n_per_m))
+        slopes = [(self._moved(step) - self._moved(-step)) / (2.0 * STEP) for step in steps]
+        return self._moved(np.zeros(len(steps))), np.array(slopes)
+
+    def _moved(self, by: Array) -> ComplexArray:
+        """Return the lines (n, m) of the floors' absolute accelerations; `by` (2 n,): by how much the logarithms of
+        stiffnesses and damping ratios have changed."""
+        masses, was = self.fit.specimen.masses_kg, np.append(self.fit.stiffness_n_per_m, self.fit.damping_ratio)
+        stiffness, ratios = np.split(was * np.exp(by), 2)
+        omega, shapes = modal(masses, stiffness)
+        samples = len(self.table)
+        count = padded(samples, self.dt_s)
+        s = 2j * np.pi * np.fft.rfftfreq(count, self.dt_s)
+        carried = (2.0 * ratios * omega)[:, None] * s + (omega**2)[:, None]
+        response = shapes @ ((masses @ shapes)[:, None] * carried / (s**2 + carried))
+        floors = np.fft.irfft(response * np.fft.rfft(self.table, count), count)[:, :samples]
+        return _lines(floors, self.frequency_hz, self.dt_s)
+
+
+def in_session(known: Identification, change: SessionChange) -> Identification:
+    """Return an identification as it stands in the session of a test: sensors and alias with what changed.
+
+    The covariance of gains and lags grows by that of the change.
+    """
+    c, floors = len(known.frfs), len(known.frfs) - 1
+    exact = Calibration(np.ones(c), np.ones(c), np.zeros(c), np.ones(floors), np.zeros((3 * c + floors,) * 2))
+    before = known.calibration or exact
+    covariance, places = before.covariance.copy(), np.array([*range(c), *range(2 * c, 3 * c)])
+    covariance[np.ix_(places, places)] += change.covariance[: 2 * c, : 2 * c]
+    calibration = replace(
+        before, gain=before.gain * np.exp(change.gain), late_s=before.late_s + change.late_s, covariance=covariance
+    )
+    ripple = known.best.ripple_m_s2_per_v + change.ripple_m_s2_per_v
+    best, measured = replace(known.best, ripple_m_s2_per_v=ripple), known.frfs[0]
+    alias = best.alias(measured.frequency_hz) - known.best.alias(measured.frequency_hz)
+    frfs = (replace(measured, response=measured.response + alias), *known.frfs[1:])
+    return replace(known, calibration=calibration, best=best, frfs=frfs, session=change)

@@ -1,5 +1,5 @@
 """The session of a case's table runs: the identification's record at low level, played again before them, shows what
-sensors and converters have changed by since (identification/session_record.py)."""
+sensors and converters have changed by since."""
 
 from __future__ import annotations
 
@@ -34,11 +34,18 @@ def session_key(setup: Setup) -> str:
 
 def with_session(setup: Setup, known: Identification, record: Record) -> tuple[Identification, tuple[str, ...]]:
     """Return an identification as it stands in the session of this record, and sentences on what has changed; as it
-    is where the two records cannot be compared."""
+    is where the two records cannot be compared, or differ by more than sensors and a slightly changed specimen
+    explain."""
     setup = setup.calibrated(known)
     change = session_change(known, record, setup.rig, setup.rig.uncertainty.drift)
     if change is None:
         return known, ()
+    if not change.believed:
+        return known, (
+            "record of this session: table and floors move otherwise than at the identification, "
+            f"{change.unexplained:.3g} times as much as noise is left unexplained; the drift of sensors is not "
+            "corrected, identify again",
+        )
     return in_session(known, change), tuple(_sentences(setup, change))
 
 

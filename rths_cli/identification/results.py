@@ -10,6 +10,7 @@ from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
 from rths_cli.structure import Specimen
 
+MOST_UNEXPLAINED = 4.0  # rms of what a session's change of sensors leaves, in units of the noise at rest
 LEAST_HELD_OUT = 0.5  # of the low-level record's power: what friction must remove to be countered
 
 
@@ -217,6 +218,11 @@ class SessionChange:
     ripple_m_s2_per_v: float
     covariance: Array
     unexplained: float
+
+    @property
+    def believed(self) -> bool:
+        """Return whether what changed is explained so well that it may be taken up."""
+        return self.unexplained <= MOST_UNEXPLAINED
 
     @property
     def ratio(self) -> Array:

@@ -24,7 +24,6 @@ from functools import cached_property
 
 import numpy as np
 
-from rths_cli.identification.channel_signals import channel_noise
 from rths_cli.identification.identify_specimen import without_staircase
 from rths_cli.identification.least_squares import parts
 from rths_cli.identification.record_parts import Record, padded
@@ -41,12 +40,14 @@ from rths_cli.numerics.lti import Array, ComplexArray, staircase
 from rths_cli.rigs.description import RigInfo
 
 LAG_PRIOR = 0.25  # of a sample interval: standard uncertainty of a change of the lag between two channels
-STIFFNESS_PRIOR, DAMPING_PRIOR = 0.02, 0.2  # relative: of the specimen's stiffnesses and damping ratios
+STIFFNESS_PRIOR, DAMPING_PRIOR = 0.1, 0.5  # relative: of the specimen's stiffnesses and damping ratios
 STEP = 1e-4  # of the logarithms of stiffness and damping ratio, over which slopes are taken
-ROUNDS = 4  # solutions, each with specimen and size of the residual of the one before
+ROUNDS = 12  # most solutions, each with specimen and size of the residual of the one before
+FAR, SETTLED = 2e-3, 1e-6  # change of the specimen's parameters from which slopes are taken anew; at which they end
 SAME_COMMAND = 0.05  # largest relative difference of the two commands' lines
 SHOWN = 3.0  # standard uncertainties from which a change of instants is taken for one
 LEAST_LINES = 40
+LEAST_NOISE = 1e-4  # of a channel's motion
 BELOW_NYQUIST = 0.4  # of the sample rate, up to which lines are used
 LEAST_SIZE = 1e-3  # of what is left unexplained, in units of the noise at rest
 
@@ -55,10 +56,25 @@ def low_level_lines(record: Record, info: RigInfo, low_hz: float, highest_hz: fl
     """Return the lines of a record that begins and ends at rest, by a Hann window over all of it, from `low_hz` to
     `ABOVE_HIGHEST` times the specimen's highest natural frequency `highest_hz`."""
     samples = len(record.command_v)
-    f = np.fft.rfftfreq(samples, info.dt_s)
+    f: Array = np.asarray(np.fft.rfftfreq(samples, info.dt_s), dtype=float)
     f = f[(f >= low_hz) & (f <= min(ABOVE_HIGHEST * highest_hz, BELOW_NYQUIST / info.dt_s))]
-    noise = channel_noise(record, info) * float(np.sqrt(np.sum(np.hanning(samples) ** 2)))
+    noise = _noise(record, info, f) * float(np.sqrt(np.sum(np.hanning(samples) ** 2)))
     return LowLevelLines(f, _lines(record.command_v, f, info.dt_s), _lines(record.accel_m_s2, f, info.dt_s), noise)
+
+
+def _noise(record: Record, info: RigInfo, frequency_hz: Array) -> Array:
+    """Return the standard deviation (c,) in m/s^2 of white noise as strong as the channels' at rest in this band, at
+    least the quantisation noise; hum beyond the band is none in it."""
+    bits = np.array([info.converters.step_v / channel.sensitivity_v_per_unit for channel in info.channels])
+    least = np.maximum(bits / np.sqrt(12.0), LEAST_NOISE * record.accel_m_s2.std(axis=1))
+    silence = record.parts.silence
+    if silence is None:
+        return least
+    still = record.accel_m_s2[:, silence]
+    window, f = np.hanning(still.shape[1]), np.fft.rfftfreq(still.shape[1], info.dt_s)
+    inside = (f >= max(frequency_hz[0], 2.0 * f[1])) & (f <= frequency_hz[-1])
+    power = np.abs(np.fft.rfft(window * (still - still.mean(axis=1, keepdims=True)), axis=-1)[:, inside]) ** 2
+    return np.asarray(np.maximum(np.sqrt(power.mean(axis=1) / np.sum(window**2)), least))
 
 
 def _lines(signal: Array, frequency_hz: Array, dt_s: float) -> ComplexArray:
@@ -129,18 +145,24 @@ class _Problem:
 
         `priors` (k,) are their standard uncertainties, 0: not free.
         """
-        start, slopes = self._specimen
-        n, k, size = len(slopes) // 2, len(priors), 1.0
+        n, k, size = len(self.fit.stiffness_n_per_m), len(priors), 1.0
         priors = np.concatenate([priors, np.full(n, STIFFNESS_PRIOR), np.full(n, DAMPING_PRIOR)])
-        every = self._weighted(np.concatenate([self.rows, slopes])) * priors[:, None]
-        products, found = every @ every.T, np.zeros(len(priors))
+        start, slopes = self._specimen
+        there, found = np.zeros(2 * n), np.zeros(len(priors))
         for _ in range(ROUNDS):
+            if np.abs(found[k:] - there).max() > FAR:
+                there = found[k:]
+                slopes = self._slopes(there)
             beside = self._moved(found[k:]) - start - np.tensordot(found[k:], slopes, 1)  # of second order
             wanted = self._weighted((self.beyond - beside)[None])[0]
+            every = self._weighted(np.concatenate([self.rows, slopes])) * priors[:, None]
+            products, before = every @ every.T, found
             scaled = np.linalg.solve(products + size**2 * np.eye(len(priors)), every @ wanted)
             left = wanted - scaled @ every
             size = max(float(np.sqrt(left @ left / (left.size - len(priors)))), LEAST_SIZE)
             found = scaled * priors
+            if np.abs(found - before)[k:].max() < SETTLED:
+                break
         spread = np.linalg.inv(products / size**2 + np.eye(len(priors))) * np.outer(priors, priors)
         return found[:k], spread[:k, :k], size
 
@@ -151,9 +173,13 @@ class _Problem:
     @cached_property
     def _specimen(self) -> tuple[ComplexArray, ComplexArray]:
         """Return the lines (n, m) of the floors on the specimen as it was, and their slopes (2 n, n, m)."""
-        steps = STEP * np.eye(2 * len(self.fit.stiffness_n_per_m))
-        slopes = [(self._moved(step) - self._moved(-step)) / (2.0 * STEP) for step in steps]
-        return self._moved(np.zeros(len(steps))), np.array(slopes)
+        nothing = np.zeros(2 * len(self.fit.stiffness_n_per_m))
+        return self._moved(nothing), self._slopes(nothing)
+
+    def _slopes(self, by: Array) -> ComplexArray:
+        """Return the slopes (2 n, n, m) of the floors' lines by what `_moved` takes."""
+        steps = STEP * np.eye(len(by))
+        return np.array([(self._moved(by + step) - self._moved(by - step)) / (2.0 * STEP) for step in steps])
 
     def _moved(self, by: Array) -> ComplexArray:
         """Return the lines (n, m) of the floors' absolute accelerations; `by` (2 n,): by how much the logarithms of

@@ -36,6 +36,7 @@ PLACEHOLDERS = {"RUN": TABLE_RUNS, "SOLUTION": SOLUTIONS, "BLOCK": tuple(BLOCKS)
 GROUPS = {
     "case": "The case file, as text.",
     "record": "The ground motion that the runs have in common.",
+    "session": "What changed in sensors and converters since the identification, by the record before the table runs.",
     "truth": "How a virtual laboratory with imperfections differs from what its files declare.",
     "SOLUTION": "A computed response of the whole building: `sim` without, `sim_delay` with the delay of the case.",
     "exp_rths": "The hybrid building in EXP-RTHS, beside what every run on the table holds.",

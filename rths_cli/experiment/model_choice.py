@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rths_cli.errors import InputError
 from rths_cli.experiment.model_files import Cache, Stored, key, load
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rths_cli.files.imported_models import ForeignModel
     from rths_cli.identification.excitation import Excitation
     from rths_cli.identification.record_parts import Record
+    from rths_cli.identification.results import SessionChange
 
 NOW, AT_REST = "identified in this run", "identified just now (simulated, no hardware)"
 
@@ -184,12 +185,23 @@ def with_samples(setup: Setup, known: Known) -> Known:
     samples = _made(given(known.found)) if callable(given) else tuple(_sample(path, setup) for path in given)
     if not samples:
         return known
+    if known.found.session is not None:
+        samples = tuple(_in_the_same_session(one, known.found.session) for one in samples)
     try:
         found = replace(known.found, samples=samples)
     except ValueError as error:
         raise InputError(f"samples: {error}") from error
     count = f"{len(samples)} sample{'s' if len(samples) > 1 else ''}"
     return replace(known, found=found, source=f"{known.source}; with {count} of it")
+
+
+def _in_the_same_session(sample: Any, change: SessionChange) -> Any:
+    """Return a sample as it stands in a session; what is no sample is refused later."""
+    from rths_cli.identification.session_record import in_session
+
+    if not isinstance(sample, Identification) or sample.session is not None:
+        return sample
+    return in_session(sample, change)
 
 
 def _sample(path: Path, setup: Setup) -> Identification:

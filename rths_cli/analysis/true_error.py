@@ -56,14 +56,16 @@ class Sensitivities:
     """Errors of true and of measured accelerations by the parameters of a calibration.
 
     `gram` (n_storeys, p, p) mean products of the true errors per unit of each parameter, in the test band, in
-    (m/s^2)^2; `measured` (n_storeys, p, p) those of the errors that the sensors themselves show.
+    (m/s^2)^2; `measured` (n_storeys, p, p) those of the errors that the sensors themselves show, of parameters that
+    change after the identification.
     """
 
     gram: Array
     measured: Array
 
     def measured_rms(self, covariance: Array) -> Array:
-        """Return the root mean square (n_storeys,) in m/s^2 of what the sensors show of a calibration's errors."""
+        """Return the root mean square (n_storeys,) in m/s^2 of what the sensors show of parameters that changed with
+        this covariance after the identification."""
         return np.asarray(np.sqrt(np.maximum(np.einsum("spq,pq->s", self.measured, covariance), 0.0)))
 
     def drawn(self, covariance: Array, loop: Array) -> Array:

@@ -167,7 +167,11 @@ def _true_error(
     setup: Setup, identified: Identification, known: Known, prediction: Prediction
 ) -> tuple[TrueError | None, Remedy | None, Array | float]:
     """Return the distribution of the true error, the best remedy, and the root mean square (n_storeys,) in m/s^2 of
-    what the sensors will show of the calibration's errors; None, None and 0 where nothing is uncertain."""
+    what the sensors will show of it; None, None and 0 where nothing is uncertain.
+
+    Sensors show what changed after the identification only: what it has taken for gains and masses is in the building
+    as identified, to which they are compared.
+    """
     calibration = identified.calibration
     if calibration is None:
         return None, None, 0.0
@@ -176,11 +180,14 @@ def _true_error(
     by_calibration = sensitivities(building, known.lines, known.sim, corners)
     changed = changed_specimen_error(setup, identified, known, prediction)
     loop = np.hypot(prediction.total.storeys, changed)
-    if identified.session is None:  # whose covariance holds what is left of the drift
-        drift = np.zeros(len(calibration.covariance))
-        drift[: len(calibration.gain)] = setup.rig.uncertainty.drift**2
-        calibration = replace(calibration, covariance=calibration.covariance + np.diag(drift))
-    shown = by_calibration.measured_rms(calibration.covariance)
+    since, c = np.zeros_like(calibration.covariance), len(calibration.gain)
+    if identified.session is None:
+        since[:c, :c] = setup.rig.uncertainty.drift**2 * np.eye(c)
+        calibration = replace(calibration, covariance=calibration.covariance + since)
+    else:  # its covariance is in that of the calibration
+        places = np.array([*range(c), *range(2 * c, 3 * c)])
+        since[np.ix_(places, places)] = identified.session.covariance[: 2 * c, : 2 * c]
+    shown = by_calibration.measured_rms(since)
     return true_error(by_calibration, calibration, loop), best_remedy(by_calibration, calibration, loop), shown
 
 

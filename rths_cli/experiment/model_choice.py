@@ -142,7 +142,7 @@ class Memory:
         """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
         from rths_cli.experiment.identify_on_rig import evaluated, measure, noted
         from rths_cli.experiment.model_verification import compared, low_level_record
-        from rths_cli.experiment.session import session_key
+        from rths_cli.experiment.session import session_key, wants_session_record, with_session
 
         if not isinstance(file, Stored):
             measured = measure(setup, progress, self.plan(setup))
@@ -150,7 +150,8 @@ class Memory:
             where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
             return Known(noted(found, notes_on(file)), where)
         record = self._sessions[session_key(setup)] = low_level_record(setup, file.found, progress)
-        changes, sentence = compared(setup, file.found, record)
+        there = with_session(setup, file.found, record)[0] if wants_session_record(setup) else file.found
+        changes, sentence = compared(setup, there, record)
         where = _named(file)
         reasons = (f"{where}: {'; '.join(changes)}",) if changes else ()
         return Known(noted(file.found, reasons or (f"{where}; {sentence}",)), where, reasons)

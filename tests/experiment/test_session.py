@@ -28,10 +28,10 @@ def setup_of(*settings: str) -> Setup:
     return make_setup(load_cases(["el_centro_low_ff_fb"], settings)[0], ("check", "model"))
 
 
-def played(setup: Setup, path: Path, memory: Memory) -> list[str]:
+def played(setup: Setup, path: Path, memory: Memory, series: str = "none") -> list[str]:
     """Run a case; return what it told of its motions."""
     said: list[str] = []
-    assert run_case(setup, path, memory, "test", said.append, series="none").status == "complete"
+    assert run_case(setup, path, memory, "test", said.append, series=series).status == "complete"
     return said
 
 
@@ -39,7 +39,7 @@ def played(setup: Setup, path: Path, memory: Memory) -> list[str]:
 def laboratory(tmp_path_factory: pytest.TempPathFactory) -> tuple[Setup, Memory, Path, list[str]]:
     setup, memory = setup_of(*QUICK, "runs=[sim, sim_delay, shake_table, exp_rths]"), Memory()
     path = tmp_path_factory.mktemp("session") / "laboratory.h5"
-    return setup, memory, path, played(setup, path, memory)
+    return setup, memory, path, played(setup, path, memory, "all")
 
 
 def test_the_drift_of_a_laboratory_is_found_by_the_record(laboratory: tuple[Setup, Memory, Path, list[str]]) -> None:

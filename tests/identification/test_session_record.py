@@ -140,6 +140,17 @@ def test_what_a_damaged_specimen_does_is_not_taken_for_sensors():
     assert found.believed and found.ratio == pytest.approx([0.0005, 0.0], abs=3e-4)
 
 
+def test_hum_beyond_the_band_is_no_noise_in_it():
+    """50 Hz of 20 times the noise, in another phase in each record."""
+    records = []
+    for seed in (1, 2):
+        made = record(QUIET, ripple=RIPPLE, seed=seed)
+        hum = 20.0 * NOISE * np.sin(2.0 * np.pi * 50.0 * DT * np.arange(len(made.command_v)) + seed)
+        records.append(replace(made, accel_m_s2=made.accel_m_s2 + hum))
+    found = session_change(known(records[0]), records[1], rig(), DRIFT)
+    assert 0.7 < found.unexplained < 1.5 and found.ratio_error.max() < 4e-5
+
+
 def test_instants_are_as_they_were_unless_the_record_shows_another():
     found = session_change(
         known(record(QUIET, ripple=RIPPLE, seed=1)), record(QUIET, ripple=RIPPLE, seed=2), rig(), DRIFT

@@ -18,7 +18,6 @@ from rths_cli.numerics.lti import Model
 if TYPE_CHECKING:
     from rths_cli.files.imported_models import ForeignModel
     from rths_cli.identification.excitation import Excitation
-    from rths_cli.identification.record_parts import Record
     from rths_cli.identification.results import SessionChange
 
 NOW, AT_REST = "identified in this run", "identified just now (simulated, no hardware)"
@@ -53,7 +52,7 @@ class Memory:
         self._plans: dict[str, Excitation] = {}
         self._files: dict[str, Stored | ForeignModel] = {}
         self._known: dict[str, Known] = dict(known or {})
-        self._sessions: dict[str, Record] = {}
+        self._sessions: dict[str, SessionChange | None] = {}
         self._lock = RLock()
 
     def prepare(self, setup: Setup) -> None:
@@ -102,14 +101,15 @@ class Memory:
         """
         from rths_cli.experiment.identify_on_rig import noted
         from rths_cli.experiment.model_verification import low_level_record
-        from rths_cli.experiment.session import session_key, wants_session_record, with_session
+        from rths_cli.experiment.session import change_shown, session_key, wants_session_record, with_session
 
         if not wants_session_record(setup) or known.found.low_level_lines is None or known.reasons:
             return known
         name = session_key(setup)
         with self._lock:
             if name not in self._sessions:
-                self._sessions[name] = low_level_record(setup, known.found, progress)
+                record = low_level_record(setup, known.found, progress)
+                self._sessions[name] = change_shown(setup, known.found, record)
         found, changes = with_session(setup, known.found, self._sessions[name])
         return replace(known, found=noted(found, changes))
 
@@ -142,15 +142,17 @@ class Memory:
         """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
         from rths_cli.experiment.identify_on_rig import evaluated, measure, noted
         from rths_cli.experiment.model_verification import compared, low_level_record
-        from rths_cli.experiment.session import session_key, wants_session_record, with_session
+        from rths_cli.experiment.session import change_shown, session_key, wants_session_record, with_session
 
         if not isinstance(file, Stored):
             measured = measure(setup, progress, self.plan(setup))
             found = evaluated(setup, measured, as_model(file, setup))
             where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
             return Known(noted(found, notes_on(file)), where)
-        record = self._sessions[session_key(setup)] = low_level_record(setup, file.found, progress)
-        there = with_session(setup, file.found, record)[0] if wants_session_record(setup) else file.found
+        record, there = low_level_record(setup, file.found, progress), file.found
+        if wants_session_record(setup):
+            change = self._sessions[session_key(setup)] = change_shown(setup, file.found, record)
+            there = with_session(setup, file.found, change)[0]
         changes, sentence = compared(setup, there, record)
         where = _named(file)
         reasons = (f"{where}: {'; '.join(changes)}",) if changes else ()

@@ -32,12 +32,17 @@ def session_key(setup: Setup) -> str:
     return f"{key(setup)} {setup.case.seed} {setup.case.table.model_dump_json(include={'after_identification'})}"
 
 
-def with_session(setup: Setup, known: Identification, record: Record) -> tuple[Identification, tuple[str, ...]]:
-    """Return an identification as it stands in the session of this record, and sentences on what has changed; as it
-    is where the two records cannot be compared, or differ by more than sensors and a slightly changed specimen
-    explain."""
+def change_shown(setup: Setup, known: Identification, record: Record) -> SessionChange | None:
+    """Return what a session's record shows, None where it cannot be compared with that of the identification."""
     setup = setup.calibrated(known)
-    change = session_change(known, record, setup.rig, setup.rig.uncertainty.drift)
+    return session_change(known, record, setup.rig, setup.rig.uncertainty.drift)
+
+
+def with_session(
+    setup: Setup, known: Identification, change: SessionChange | None
+) -> tuple[Identification, tuple[str, ...]]:
+    """Return an identification as it stands in a session, and sentences on what has changed; as it is where the
+    records differ by more than sensors and a slightly changed specimen explain."""
     if change is None:
         return known, ()
     if not change.believed:

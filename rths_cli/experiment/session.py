@@ -76,6 +76,12 @@ def _sentences(setup: Setup, change: SessionChange) -> list[str]:
             f"held command has changed by {change.ripple_m_s2_per_v:+.3g} +- {change.ripple_error_m_s2_per_v:.2g} "
             "m/s^2 per V; it is corrected"
         )
+    if change.delay_s != 0.0:
+        told.append(
+            f"record of this session: the table moves {1e6 * change.delay_s:+.0f} +- {1e6 * change.delay_error_s:.1f} "
+            "us later after its command than at the identification; the feedback counters it, the check counts what "
+            "is left; identify again to have it in the feedforward"
+        )
     return told
 
 
@@ -92,5 +98,7 @@ def as_stored(change: SessionChange) -> dict[str, np.ndarray | float]:
         "late_change_error_s": errors[c : 2 * c],
         "ripple_change_m_s2_per_v": change.ripple_m_s2_per_v,
         "ripple_change_error_m_s2_per_v": change.ripple_error_m_s2_per_v,
+        "delay_change_s": change.delay_s,
+        "delay_change_error_s": change.delay_error_s,
         "unexplained": change.unexplained,
     }

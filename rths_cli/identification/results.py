@@ -210,7 +210,8 @@ class SessionChange:
 
     `gain` (c,) relative, `late_s` (c,) beyond the table's channel, the alias's coefficient `ripple_m_s2_per_v`.
     `covariance` (2 c + 1, 2 c + 1) is that of these, one after the other. `unexplained`: rms of what is left, in units
-    of the channels' noise at rest.
+    of the channels' noise at rest. `delay_s`: by how much later the table moves after its command, with its standard
+    uncertainty; it is judged only where another instant has changed, else both are 0.
     """
 
     gain: Array
@@ -218,6 +219,8 @@ class SessionChange:
     ripple_m_s2_per_v: float
     covariance: Array
     unexplained: float
+    delay_s: float = 0.0
+    delay_error_s: float = 0.0
 
     @property
     def believed(self) -> bool:

@@ -25,7 +25,7 @@ from functools import cached_property
 import numpy as np
 
 from rths_cli.identification.identify_specimen import without_staircase
-from rths_cli.identification.least_squares import parts
+from rths_cli.identification.least_squares import covariance, linear, parts
 from rths_cli.identification.record_parts import Record, padded
 from rths_cli.identification.results import (
     Calibration,
@@ -96,7 +96,8 @@ def session_change(known: Identification, again: Record, info: RigInfo, drift: f
     now = low_level_lines(again, info, float(before.frequency_hz[0]), fit.natural_frequency_hz[-1])
     if not _comparable(before, now):
         return None
-    model, s, c = known.best, 2j * np.pi * before.frequency_hz, len(before.accel_m_s2)
+    model, c = known.best, len(before.accel_m_s2)
+    s: ComplexArray = 2j * np.pi * before.frequency_hz.astype(complex)
     was = before.accel_m_s2 * (now.command_v / before.command_v)
     alias = now.command_v * staircase(before.frequency_hz, model.latency_samples, model.dt_s, model.coupling_hz)
     over = was[1:] / (was[0] - model.ripple_m_s2_per_v * alias)
@@ -113,7 +114,25 @@ def session_change(known: Identification, again: Record, info: RigInfo, drift: f
         found, spread, size = problem.most_probable(np.append(np.full(c, drift), 0.0 * instants))
     full, free = np.zeros((2 * c + 1, 2 * c + 1)), np.array([*range(c), *range(c + 1, 2 * c + 1)])
     full[np.ix_(free, free)] = spread
-    return SessionChange(found[:c], np.append(0.0, found[c:-1]), float(found[-1]), full, size)
+    change = SessionChange(found[:c], np.append(0.0, found[c:-1]), float(found[-1]), full, size)
+    if not found[c:].any():
+        return change
+    moved = changed[0] - change.gain[0] * was[0] - change.ripple_m_s2_per_v * alias
+    late_s, error_s = _later(moved, was[0] - model.ripple_m_s2_per_v * alias, fit, s)
+    return replace(change, delay_s=late_s, delay_error_s=error_s) if abs(late_s) > SHOWN * error_s else change
+
+
+def _later(moved: ComplexArray, table: ComplexArray, fit: SpecimenFit, s: ComplexArray) -> tuple[float, float]:
+    """Return by how much later the table moves in s, and its standard uncertainty, from what its lines (m,) changed by.
+
+    Beside the delay the size of the motion may have changed, and, near the specimen's modes, its reaction.
+    """
+    omega = 2.0 * np.pi * fit.natural_frequency_hz[:, None]
+    modes = s**2 / (s**2 + 2.0 * fit.damping_ratio[:, None] * omega * s + omega**2)
+    rows = parts(table * np.concatenate([[-s, np.ones_like(s)], modes, s / omega * modes]))
+    found = linear(rows, parts(moved))
+    left = parts(moved) - found @ rows
+    return float(found[0]), float(np.sqrt(covariance(rows, float(left @ left) / (left.size - len(rows)))[0, 0]))
 
 
 def _comparable(before: LowLevelLines, now: LowLevelLines) -> bool:
@@ -199,7 +218,8 @@ class _Problem:
 def in_session(known: Identification, change: SessionChange) -> Identification:
     """Return an identification as it stands in the session of a test: sensors and alias with what changed.
 
-    The covariance of gains and lags grows by that of the change.
+    The covariance of gains and lags grows by that of the change. The measured responses are those of the session; the
+    table's model keeps its delay, so that the check sees what a later command costs.
     """
     c, floors = len(known.frfs), len(known.frfs) - 1
     exact = Calibration(np.ones(c), np.ones(c), np.zeros(c), np.ones(floors), np.zeros((3 * c + floors,) * 2))
@@ -210,7 +230,11 @@ def in_session(known: Identification, change: SessionChange) -> Identification:
         before, gain=before.gain * np.exp(change.gain), late_s=before.late_s + change.late_s, covariance=covariance
     )
     ripple = known.best.ripple_m_s2_per_v + change.ripple_m_s2_per_v
-    best, measured = replace(known.best, ripple_m_s2_per_v=ripple), known.frfs[0]
-    alias = best.alias(measured.frequency_hz) - known.best.alias(measured.frequency_hz)
-    frfs = (replace(measured, response=measured.response + alias), *known.frfs[1:])
-    return replace(known, calibration=calibration, best=best, frfs=frfs, session=change)
+    best = replace(known.best, ripple_m_s2_per_v=ripple)
+    frfs = []
+    for channel, frf in enumerate(known.frfs):
+        f, of_table = frf.frequency_hz, float(channel == 0)
+        motion = frf.response - of_table * known.best.alias(f)
+        response = motion * np.exp(-2j * np.pi * f * change.delay_s) + of_table * best.alias(f)
+        frfs.append(replace(frf, response=response))
+    return replace(known, calibration=calibration, best=best, frfs=tuple(frfs), session=change)

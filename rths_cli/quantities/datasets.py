@@ -305,6 +305,13 @@ def _of_session() -> Iterator[DatasetDeclaration]:
         ("late_change_error_s", "s", channel, "its standard uncertainty; 0: no change is shown, none was taken"),
         ("ripple_change_m_s2_per_v", "m/s^2/V", (), f"change of the held command's alias in a table sample {since}"),
         ("ripple_change_error_m_s2_per_v", "m/s^2/V", (), "its standard uncertainty; 0: none is shown, none was taken"),
+        (
+            "delay_change_s",
+            "s",
+            (),
+            f"change of the delay from the command to the table {since}, where another instant changed",
+        ),
+        ("delay_change_error_s", "s", (), "its standard uncertainty; 0: none is shown"),
         ("unexplained", "1", (), "rms of what these changes do not explain, in units of the channels' noise at rest"),
     )
     for name, units, axes, text in numbers:

@@ -79,6 +79,9 @@ def test_a_converter_that_acts_later_than_at_the_identification_is_found(tmp_pat
     with h5py.File(tmp_path / "always.h5") as file:
         change, error = (float(file[f"session/ripple_change{end}_m_s2_per_v"][()]) for end in ("", "_error"))
         assert change == pytest.approx(2.5, abs=0.1) and error < 0.02
+        assert float(file["session/delay_change_s"][()]) == pytest.approx(1e-4, rel=0.1)
+    over = np.asarray(read_result(tmp_path / "always.h5").metrics["exp_rths.error_over_expected"])
+    assert np.all(np.abs(np.log(over)) < np.log(1.5))
     with h5py.File(tmp_path / "automatic.h5") as file:
         assert "session" not in file
     assert "converters act at other instants" in read_result(tmp_path / "always.h5").attributes["warnings"]

@@ -129,6 +129,15 @@ def test_a_specimen_and_a_table_that_changed_are_taken_for_nothing_else():
     assert abs(found.ripple_m_s2_per_v) < 0.1 and np.abs(found.late_s).max() < 5e-6
 
 
+def test_an_earlier_command_is_told_with_its_delay():
+    """All channels are sampled 60 us later in the motion, which is what a command earlier by as much makes of them."""
+    before = record(QUIET, ripple=RIPPLE, seed=1)
+    after = record(motions(STIFFNESS * [1.003, 1.0], np.full(3, 6e-5)), (1.0, 1.0004, 1.0), RIPPLE, seed=2)
+    found = session_change(known(before), after, rig(), DRIFT)
+    assert found.ripple_m_s2_per_v != 0.0  # the instant at which the hold's ripple is sampled
+    assert found.delay_s == pytest.approx(-6e-5, abs=2e-6) and found.delay_error_s < 1e-6
+
+
 def test_what_a_damaged_specimen_does_is_not_taken_for_sensors():
     """Its storeys have lost 15 and 50 % of their stiffness; 3 % are followed, a hundredth of it may be left."""
     before = record(QUIET, ripple=RIPPLE, seed=1)

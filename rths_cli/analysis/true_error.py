@@ -10,6 +10,7 @@ storeys with the specimen as it is.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,12 +53,20 @@ class Remedy:
 
 @dataclass(frozen=True)
 class Sensitivities:
-    """Errors of the true accelerations by the parameters of a calibration.
+    """Errors of true and of measured accelerations by the parameters of a calibration.
 
-    `gram` (n_storeys, p, p) mean products of the errors per unit of each parameter, in the test band, in (m/s^2)^2.
+    `gram` (n_storeys, p, p) mean products of the true errors per unit of each parameter, in the test band, in
+    (m/s^2)^2; `measured` (n_storeys, p, p) those of the errors that the sensors themselves show, of parameters that
+    change after the identification.
     """
 
     gram: Array
+    measured: Array
+
+    def measured_rms(self, covariance: Array) -> Array:
+        """Return the root mean square (n_storeys,) in m/s^2 of what the sensors show of parameters that changed with
+        this covariance after the identification."""
+        return np.asarray(np.sqrt(np.maximum(np.einsum("spq,pq->s", self.measured, covariance), 0.0)))
 
     def drawn(self, covariance: Array, loop: Array) -> Array:
         """Return RMS errors (draws, n_storeys) in m/s^2, with `loop` (n_storeys,) that of a perfect calibration.
@@ -86,7 +95,7 @@ def sensitivities(building: Building, lines: Lines, sim: ComplexArray, corners_h
     with np.errstate(divide="ignore", invalid="ignore"):
         coupling = np.where(np.abs(s + w) > 0.0, -w / (s + w), 0.0)
     readings = (np.ones((1 + floors, lines.count)), coupling, np.broadcast_to(-s, (1 + floors, lines.count)))
-    errors = []
+    errors, shown = [], []
     for reading in readings:
         for channel in range(1 + floors):
             share = np.zeros((1 + floors, lines.count), dtype=complex)
@@ -96,9 +105,17 @@ def sensitivities(building: Building, lines: Lines, sim: ComplexArray, corners_h
                 share[channel] = reading[channel]
             shear = -(masses @ (share[1:] * there[1:]))
             errors.append(to_force * shear - (reading[0] * held if channel == 0 else 0.0))
-    errors += [to_force * masses[floor] * there[1 + floor] for floor in range(floors)]
+            read = np.zeros_like(held)
+            read[p - 1 + channel] = reading[channel] * there[channel]
+            shown.append(errors[-1] + read)
+    of_masses = [to_force * masses[floor] * there[1 + floor] for floor in range(floors)]
+    return Sensitivities(_gram(lines, [*errors, *of_masses]), _gram(lines, [*shown, *of_masses]))
+
+
+def _gram(lines: Lines, errors: Sequence[ComplexArray]) -> Array:
+    """Return the mean products (n_storeys, p, p) of errors (n_storeys, m) in the test band."""
     series = lines.evaluated(np.array(errors))
-    return Sensitivities(np.einsum("psn,qsn->spq", series, series, optimize=True) / series.shape[-1])
+    return np.asarray(np.einsum("psn,qsn->spq", series, series, optimize=True) / series.shape[-1])
 
 
 def _per_interface_force(building: Building, frequency_hz: Array) -> ComplexArray:

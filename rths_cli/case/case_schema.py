@@ -307,6 +307,11 @@ class CaseKeys(Strict):
         description="what the measured base shear is taken from; default: both where the rig has a load cell with "
         "use: shear, weighted by their uncertainties, else accelerations",
     )
+    session_record: Literal["automatic", "always", "never"] = Field(
+        default="automatic",
+        description="whether the table runs begin with the identification's record at low level, which shows what "
+        "sensors and converters have changed by since; automatic: on a rig that states uncertainties",
+    )
     integration: Literal["exact", "cr", "newmark"] = Field(
         default="exact",
         description="integration of the numerical storeys: first-order hold, Chen-Ricles, or explicit Newmark",

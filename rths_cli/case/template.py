@@ -31,6 +31,7 @@ controller: FF+FB              # FF, FF+FB or none (the table as delivered)
 # seed: 0                        # of the noise in the runs
 # accept: {"exp_rths.rms_error_m_s2[3]": 0.06}   # the command returns 1 when a figure is above its limit
 # check: {specimen_range: [0.7, 1.0]}   # stiffness of the specimen over the identified one, judged at both ends
+# session_record: automatic      # always or never: the identification's quiet record once more before the table runs
 # shear_from: accelerations      # or load_cell, or both, where the rig has one under the specimen
 # base_shear_uncertainty: 0.01   # of accelerometers and weighed masses, for the residual drift of storeys with laws
 # grade_limits: {good_percent: 2, good_ratio: 0.1, usable_percent: 5}   # of SIM, of SIM-DELAY's error, of SIM

@@ -147,12 +147,14 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
         largest = 0.0
     elif whole.has_laws:  # its response does not grow with the record: only this scaling was simulated
         largest = min(largest, 0.0 if simulated is None or simulated.faults else setup.case.scaling)
-    true, remedy = _true_error(setup, identified, known, stable) if stable is not None else (None, None)
+    true, remedy, shown = (None, None, 0.0) if stable is None else _true_error(setup, identified, known, stable)
     friction = identified.friction.command_v if identified.friction else 0.0
     delayed = (
         _delayed_with_laws(setup, whole, shared) if whole.has_laws else _sim_delay(setup, building, known, critical)
     )
-    expected = None if stable is None else np.hypot(stable.total.storeys, _declared_wrong(setup, whole, known, shared))
+    expected = None
+    if stable is not None:
+        expected = np.hypot(np.hypot(stable.total.storeys, _declared_wrong(setup, whole, known, shared)), shown)
     seen = known if found.radius < 1.0 else None
     sim_rms = rms(known.lines.evaluated(known.sim))
     return Judged(
@@ -163,20 +165,30 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
 
 def _true_error(
     setup: Setup, identified: Identification, known: Known, prediction: Prediction
-) -> tuple[TrueError | None, Remedy | None]:
-    """Return the distribution of the true error and the best remedy; None where nothing is uncertain."""
+) -> tuple[TrueError | None, Remedy | None, Array | float]:
+    """Return the distribution of the true error, the best remedy, and the root mean square (n_storeys,) in m/s^2 of
+    what the sensors will show of it; None, None and 0 where nothing is uncertain.
+
+    Sensors show what changed after the identification only: what it has taken for gains and masses is in the building
+    as identified, to which they are compared.
+    """
     calibration = identified.calibration
     if calibration is None:
-        return None, None
+        return None, None, 0.0
     building = at_rest(as_identified(setup, _specimen(identified)))
     corners = np.array([channel.high_pass_hz if setup.removes_sensors else 0.0 for channel in setup.rig.channels])
     by_calibration = sensitivities(building, known.lines, known.sim, corners)
     changed = changed_specimen_error(setup, identified, known, prediction)
     loop = np.hypot(prediction.total.storeys, changed)
-    drift = np.zeros(len(calibration.covariance))
-    drift[: len(calibration.gain)] = setup.rig.uncertainty.drift**2
-    calibration = replace(calibration, covariance=calibration.covariance + np.diag(drift))
-    return true_error(by_calibration, calibration, loop), best_remedy(by_calibration, calibration, loop)
+    since, c = np.zeros_like(calibration.covariance), len(calibration.gain)
+    if identified.session is None:
+        since[:c, :c] = setup.rig.uncertainty.drift**2 * np.eye(c)
+        calibration = replace(calibration, covariance=calibration.covariance + since)
+    else:  # its covariance is in that of the calibration
+        places = np.array([*range(c), *range(2 * c, 3 * c)])
+        since[np.ix_(places, places)] = identified.session.covariance[: 2 * c, : 2 * c]
+    shown = by_calibration.measured_rms(since)
+    return true_error(by_calibration, calibration, loop), best_remedy(by_calibration, calibration, loop), shown
 
 
 def changed_specimen_error(setup: Setup, identified: Identification, known: Known, prediction: Prediction) -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rths_cli.errors import InputError
 from rths_cli.experiment.model_files import Cache, Stored, key, load
@@ -18,6 +18,7 @@ from rths_cli.numerics.lti import Model
 if TYPE_CHECKING:
     from rths_cli.files.imported_models import ForeignModel
     from rths_cli.identification.excitation import Excitation
+    from rths_cli.identification.results import SessionChange
 
 NOW, AT_REST = "identified in this run", "identified just now (simulated, no hardware)"
 
@@ -51,6 +52,7 @@ class Memory:
         self._plans: dict[str, Excitation] = {}
         self._files: dict[str, Stored | ForeignModel] = {}
         self._known: dict[str, Known] = dict(known or {})
+        self._sessions: dict[str, SessionChange | None] = {}
         self._lock = RLock()
 
     def prepare(self, setup: Setup) -> None:
@@ -84,12 +86,32 @@ class Memory:
         return self._plans[key(setup)]
 
     def identify(self, setup: Setup, progress: Progress) -> Identification:
-        """Return the identification of the setup's rig and specimen."""
-        return self.known(setup, progress).found
+        """Return the identification of the setup's rig and specimen, as it was found."""
+        return with_samples(setup, self._nominal(setup, progress)).found
 
     def known(self, setup: Setup, progress: Progress) -> Known:
-        """Return the identification of the setup's rig and specimen, with its source and whether it is still valid."""
-        return with_samples(setup, self._nominal(setup, progress))
+        """Return the identification of the setup's rig and specimen as it stands in the session of the case's table
+        runs, with its source and whether it is still valid."""
+        return with_samples(setup, self._in_session(setup, self._nominal(setup, progress), progress))
+
+    def _in_session(self, setup: Setup, known: Known, progress: Progress) -> Known:
+        """Return an identification with what its record at low level shows in the session of the case's table runs.
+
+        The record that verified a model file is that of the session.
+        """
+        from rths_cli.experiment.identify_on_rig import noted
+        from rths_cli.experiment.model_verification import low_level_record
+        from rths_cli.experiment.session import change_shown, session_key, wants_session_record, with_session
+
+        if not wants_session_record(setup) or known.found.low_level_lines is None or known.reasons:
+            return known
+        name = session_key(setup)
+        with self._lock:
+            if name not in self._sessions:
+                record = low_level_record(setup, known.found, progress)
+                self._sessions[name] = change_shown(setup, known.found, record)
+        found, changes = with_session(setup, known.found, self._sessions[name])
+        return replace(known, found=noted(found, changes))
 
     def _nominal(self, setup: Setup, progress: Progress) -> Known:
         """Return the identification of the setup's rig and specimen without the caller's samples."""
@@ -112,21 +134,26 @@ class Memory:
         if isinstance(file, Stored):
             known = Known(file.found, f"{_named(file)}; a run verifies it by a short record first")
         else:
-            known = self._nominal(setup, progress)
+            known = self._in_session(setup, self._nominal(setup, progress), progress)
             known = replace(known, source=AT_REST) if known.source == NOW else known
         return with_samples(setup, known)
 
     def _from_file(self, setup: Setup, file: Stored | ForeignModel, progress: Progress) -> Known:
         """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
         from rths_cli.experiment.identify_on_rig import evaluated, measure, noted
-        from rths_cli.experiment.model_verification import verify
+        from rths_cli.experiment.model_verification import compared, low_level_record
+        from rths_cli.experiment.session import change_shown, session_key, wants_session_record, with_session
 
         if not isinstance(file, Stored):
             measured = measure(setup, progress, self.plan(setup))
             found = evaluated(setup, measured, as_model(file, setup))
             where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
             return Known(noted(found, notes_on(file)), where)
-        changes, sentence = verify(setup, file.found, progress)
+        record, there = low_level_record(setup, file.found, progress), file.found
+        if wants_session_record(setup):
+            change = self._sessions[session_key(setup)] = change_shown(setup, file.found, record)
+            there = with_session(setup, file.found, change)[0]
+        changes, sentence = compared(setup, there, record)
         where = _named(file)
         reasons = (f"{where}: {'; '.join(changes)}",) if changes else ()
         return Known(noted(file.found, reasons or (f"{where}; {sentence}",)), where, reasons)
@@ -161,12 +188,23 @@ def with_samples(setup: Setup, known: Known) -> Known:
     samples = _made(given(known.found)) if callable(given) else tuple(_sample(path, setup) for path in given)
     if not samples:
         return known
+    if known.found.session is not None:
+        samples = tuple(_in_the_same_session(one, known.found.session) for one in samples)
     try:
         found = replace(known.found, samples=samples)
     except ValueError as error:
         raise InputError(f"samples: {error}") from error
     count = f"{len(samples)} sample{'s' if len(samples) > 1 else ''}"
     return replace(known, found=found, source=f"{known.source}; with {count} of it")
+
+
+def _in_the_same_session(sample: Any, change: SessionChange) -> Any:
+    """Return a sample as it stands in a session; what is no sample is refused later."""
+    from rths_cli.identification.session_record import in_session
+
+    if not isinstance(sample, Identification) or sample.session is not None:
+        return sample
+    return in_session(sample, change)
 
 
 def _sample(path: Path, setup: Setup) -> Identification:

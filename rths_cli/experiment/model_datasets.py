@@ -22,6 +22,7 @@ from rths_cli.identification.results import (
     Identification,
     LevelBand,
     LevelCauses,
+    LowLevelLines,
     Root,
     SpecimenFit,
     Verdict,
@@ -77,6 +78,8 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
         groups["level_causes"] = _fields(found.causes)
     if found.low_level_m_s2 is not None:
         groups["low_level"] = {"accel_rms_m_s2": found.low_level_m_s2}
+    if found.low_level_lines is not None:
+        groups["low_level_lines"] = _fields(found.low_level_lines)
     for table in TABLES:
         if rows := getattr(found, table):
             groups[table] = _columns(rows)
@@ -105,6 +108,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         causes=_made(LevelCauses, groups.get("level_causes", {})),
         compared=_made(ComparedBand, groups.get("compared", {})),
         low_level_m_s2=float(groups["low_level"]["accel_rms_m_s2"]) if "low_level" in groups else None,
+        low_level_lines=_made(LowLevelLines, groups["low_level_lines"]) if "low_level_lines" in groups else None,
         **tables,
     )
 

@@ -31,8 +31,18 @@ def verify(setup: Setup, known: Identification, progress: Progress) -> tuple[tup
     response at low level differs from that at full level. If the identification had a record at low level, the two
     records at low level are compared, and the new one is played at the level of the first.
     """
+    return compared(setup, known, low_level_record(setup, known, progress))
+
+
+def low_level_record(setup: Setup, known: Identification, progress: Progress) -> Record:
+    """Play the model's record at low level again, before the table runs of a case, and return it."""
     setup = setup.calibrated(known)
-    _, record = probed(setup, progress, (VERIFICATION,), most_m_s2=known.low_level_m_s2 or math.inf)
+    return probed(setup, progress, (VERIFICATION,), most_m_s2=known.low_level_m_s2 or math.inf)[1]
+
+
+def compared(setup: Setup, known: Identification, record: Record) -> tuple[tuple[str, ...], str]:
+    """Compare a low-level record with the model; returns as `verify`."""
+    setup = setup.calibrated(known)
     faults = channel_signals.signal_faults(record, setup.rig)
     if faults:
         return tuple(faults), "verification: channels unusable"

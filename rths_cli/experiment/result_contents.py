@@ -12,6 +12,7 @@ from rths_cli.analysis.structural_response import inter_storey_drift_m, storey_s
 from rths_cli.control import latency_budget
 from rths_cli.control.numerical_substructure import amplitude_and_lag
 from rths_cli.experiment.run_metrics import of_margins
+from rths_cli.experiment.session import as_stored
 from rths_cli.quantities import metrics_of
 from rths_cli.quantities.datasets import (
     AS_SENSED,
@@ -54,6 +55,13 @@ def write_laboratory(writer: ResultWriter, setup: Setup) -> None:
         }
         number = laboratory_number(setup.case)
         writer.group("truth", {"laboratory": np.float64(number or 0), **true_arrays(values)}, scales=scales)
+
+
+def write_session(writer: ResultWriter, setup: Setup, identified: Identification) -> None:
+    """Write what the record of the session shows; nothing without one."""
+    if identified.session is not None:
+        scales: dict[str, ArrayLike] = {"channel": np.arange(1, 1 + len(setup.rig.channels))}
+        writer.group("session", as_stored(identified.session), scales=scales)
 
 
 def true_arrays(values: Mapping[str, Array]) -> dict[str, ArrayLike]:

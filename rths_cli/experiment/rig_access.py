@@ -9,6 +9,7 @@ import numpy as np
 
 from rths_cli.case.rig_schema import DEFAULT_ENERGY_RATIO
 from rths_cli.control.load_cell import cell_reads
+from rths_cli.experiment.session import wants_session_record
 from rths_cli.rigs.from_case import driver, virtual_driver
 
 if TYPE_CHECKING:
@@ -31,14 +32,28 @@ def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
     change that the rig file states under `after_identification`. Raises InputError or RigError if a plug-in cannot
     create its rig.
     """
-    return driver(setup.case, setup.declared_rig or setup.rig, setup.building, (seed, *stream), _changed(stream))
+    named = (seed, *stream)
+    return driver(
+        setup.case, setup.declared_rig or setup.rig, setup.building, named, _changed(stream),
+        session_of(setup, stream, seed),
+    )  # fmt: skip
 
 
 def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
     """Return the case's virtual rig with the noise stream of one run."""
     return virtual_driver(
-        setup.case, setup.declared_rig or setup.rig, setup.building, (seed, *stream), _changed(stream)
-    )
+        setup.case, setup.declared_rig or setup.rig, setup.building, (seed, *stream), _changed(stream),
+        session_of(setup, stream, seed),
+    )  # fmt: skip
+
+
+def session_of(setup: Setup, stream: tuple[int, ...], seed: int) -> tuple[int, ...]:
+    """Return what names the session of a run, within which a virtual laboratory's sensors do not drift: probe and
+    excitation of an identification are one, the record before a case's table runs and these runs are another, all
+    repetitions in a sweep included."""
+    if not _changed(stream):
+        return (seed, IDENTIFICATION)
+    return (setup.case.seed if wants_session_record(setup) else seed, EXP_RTHS)
 
 
 def _changed(stream: tuple[int, ...]) -> bool:

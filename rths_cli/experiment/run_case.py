@@ -175,6 +175,7 @@ def _on_table(
     if design is None:
         return Played(refused(writer, setup.case.runs, why), {})
     result_contents.write_identification(writer, known.found, design)
+    result_contents.write_session(writer, setup, known.found)
     result_contents.write_controller(writer, design)
     values = result_contents.design_figures(setup, known.found, design) | checked.figures
     if why:

@@ -20,6 +20,7 @@ from rths_cli.experiment.one_table_run import (
     run_of,
     true_accelerations,
 )
+from rths_cli.experiment.rig_access import session_of
 from rths_cli.experiment.setup import Progress, Setup, shown
 from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.files.result_reader import BEGUN, COMPLETE
@@ -132,8 +133,9 @@ def _with(before: Played, run: Run) -> Played:
 
 def write_run(writer: ResultWriter, setup: Setup, run: Run) -> None:
     """Write the series of a run."""
-    seed = (setup.case.seed, run.kind.stream)
-    hidden = result_contents.true_arrays(true_values_of_run(setup.case, setup.rig, seed))
+    seed, stream = setup.case.seed, (run.kind.stream,)
+    drawn = true_values_of_run(setup.case, setup.rig, (seed, *stream), session_of(setup, stream, seed))
+    hidden = result_contents.true_arrays(drawn)
     result_contents.write_table_run(writer, run.kind.name, setup, run.series, run.building, hidden)
     if run.rest is not None:
         result_contents.write_rest(writer, run.kind.name, setup, run.rest)

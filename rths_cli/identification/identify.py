@@ -35,12 +35,14 @@ from rths_cli.identification.results import (
     Identification,
     LevelBand,
     LevelCauses,
+    LowLevelLines,
     Root,
     SpecimenFit,
     Verdict,
 )
 from rths_cli.identification.root_uncertainty import shifts
 from rths_cli.identification.sensor_calibration import calibrate, calibrated, priors_of
+from rths_cli.identification.session_record import low_level_lines
 from rths_cli.identification.specimen_fit import Start
 from rths_cli.identification.table_fit import beyond_scatter, fit_error, rms, within
 from rths_cli.numerics.lti import Array, Frf, Model
@@ -206,6 +208,7 @@ def _identification(
         causes=table.causes,
         compared=compared,
         low_level_m_s2=_low_level(data),
+        low_level_lines=_lines_of_low_level(data, specimen.excited),
     )
 
 
@@ -214,6 +217,13 @@ def _low_level(data: Evidence) -> float | None:
     if data.quiet is None:
         return None
     return accel_rms(data.quiet.command_v, data.info, data.quiet.parts.noise, data.settings.compared)
+
+
+def _lines_of_low_level(data: Evidence, specimen: SpecimenFit | None) -> LowLevelLines | None:
+    """Return the lines of the record at low level, None without one."""
+    if data.quiet is None or specimen is None:
+        return None
+    return low_level_lines(data.quiet, data.info, data.settings.excited_hz, specimen.natural_frequency_hz[-1])
 
 
 def _roots(data: Evidence, table: _Table, specimen: SpecimenFit | None) -> tuple[Root, ...]:

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rths_cli.numerics.bands import USUAL, ComparedBand
-from rths_cli.numerics.lti import Array, Frf, Model
+from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
 from rths_cli.structure import Specimen
 
+MOST_UNEXPLAINED = 4.0  # rms of what a session's change of sensors leaves, in units of the noise at rest
 LEAST_HELD_OUT = 0.5  # of the low-level record's power: what friction must remove to be countered
 
 
@@ -192,6 +193,65 @@ class Calibration:
 
 
 @dataclass(frozen=True)
+class LowLevelLines:
+    """Lines of the record at low level, Hann window over all of it, with which the same record in a later session is
+    compared (session_record.py): command in V (m,), channels in m/s^2 (c, m), standard deviation of the channels'
+    noise in a line (c,)."""
+
+    frequency_hz: Array
+    command_v: ComplexArray
+    accel_m_s2: ComplexArray
+    noise: Array
+
+
+@dataclass(frozen=True)
+class SessionChange:
+    """What changed in sensors and converters from the identification to the session of a test (session_record.py).
+
+    `gain` (c,) relative, `late_s` (c,) beyond the table's channel, the alias's coefficient `ripple_m_s2_per_v`.
+    `covariance` (2 c + 1, 2 c + 1) is that of these, one after the other. `unexplained`: rms of what is left, in units
+    of the channels' noise at rest. `delay_s`: by how much later the table moves after its command, with its standard
+    uncertainty; it is judged only where another instant has changed, else both are 0.
+    """
+
+    gain: Array
+    late_s: Array
+    ripple_m_s2_per_v: float
+    covariance: Array
+    unexplained: float
+    delay_s: float = 0.0
+    delay_error_s: float = 0.0
+
+    @property
+    def believed(self) -> bool:
+        """Return whether what changed is explained so well that it may be taken up."""
+        return self.unexplained <= MOST_UNEXPLAINED
+
+    @property
+    def ratio(self) -> Array:
+        """Return the changes (c - 1,) of the floors' gains over the table's."""
+        return np.asarray(self.gain[1:] - self.gain[0])
+
+    @property
+    def ratio_error(self) -> Array:
+        """Return the standard uncertainties (c - 1,) of `ratio`."""
+        c = len(self.gain)
+        over = np.hstack([-np.ones((c - 1, 1)), np.eye(c - 1), np.zeros((c - 1, c + 1))])
+        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", over, self.covariance, over)))
+
+    @property
+    def late_error_s(self) -> Array:
+        """Return the standard uncertainties (c - 1,) of the floors' `late_s`."""
+        c = len(self.gain)
+        return np.asarray(np.sqrt(np.diag(self.covariance)[c + 1 : 2 * c]))
+
+    @property
+    def ripple_error_m_s2_per_v(self) -> float:
+        """Return the standard uncertainty of `ripple_m_s2_per_v`."""
+        return float(np.sqrt(self.covariance[-1, -1]))
+
+
+@dataclass(frozen=True)
 class Identification:
     """The complete result of an identification: the nominal model and, with `samples`, its uncertainty.
 
@@ -221,6 +281,8 @@ class Identification:
     compared: ComparedBand = USUAL  # band in which the models were compared with the data
     calibration: Calibration | None = None  # of sensors and masses; None: they are exactly as declared
     low_level_m_s2: float | None = None  # nominal RMS of the record at low level; None: there is none
+    low_level_lines: LowLevelLines | None = None  # of that record; None: there is none, or no specimen
+    session: SessionChange | None = None  # what `calibration` and `best` hold of a later session; None: nothing
     # equally likely identifications, without samples themselves; (): the model's uncertainty is not known as a whole
     samples: tuple[Identification, ...] = ()
 

@@ -70,20 +70,22 @@ class Priors:
 
 
 def priors_of(info: RigInfo, sensors_removed: bool, table: Model) -> Priors:
-    """Return the priors of a rig as declared; corners and lags only where the step corrects them.
-
-    That of the ripple is as large as any instant of sampling can make it: a command's change by 1 V makes the table's
-    jerk jump by the gain of a model with one pole more than zeros, and within the interval the sample is off by up to a
-    twelfth of that times the interval.
-    """
+    """Return the priors of a rig as declared; corners and lags only where the step corrects them."""
     count, declared, dynamics = len(info.channels), info.uncertainty, float(sensors_removed)
     return Priors(
         np.array([channel.uncertainty for channel in info.channels]),
         np.full(count, declared.corner * dynamics),
         np.full(count, declared.skew_s * dynamics),
         np.array(declared.of_masses(count - 1)),
-        abs(table.gain) * info.dt_s / 12.0 * dynamics,
+        ripple_prior(table, info.dt_s) * dynamics,
     )
+
+
+def ripple_prior(table: Model, dt_s: float) -> float:
+    """Return a standard uncertainty of the alias's coefficient in m/s^2 per V, as large as any instant of sampling can
+    make it: a command's change by 1 V makes the table's jerk jump by the gain of a model with one pole more than zeros,
+    and within the interval the sample is off by up to a twelfth of that times the interval."""
+    return abs(table.gain) * dt_s / 12.0
 
 
 def calibrate(

@@ -36,6 +36,7 @@ PLACEHOLDERS = {"RUN": TABLE_RUNS, "SOLUTION": SOLUTIONS, "BLOCK": tuple(BLOCKS)
 GROUPS = {
     "case": "The case file, as text.",
     "record": "The ground motion that the runs have in common.",
+    "session": "What changed in sensors and converters since the identification, by the record before the table runs.",
     "truth": "How a virtual laboratory with imperfections differs from what its files declare.",
     "SOLUTION": "A computed response of the whole building: `sim` without, `sim_delay` with the delay of the case.",
     "exp_rths": "The hybrid building in EXP-RTHS, beside what every run on the table holds.",
@@ -60,6 +61,7 @@ SINCE_0_2 = "since version 0.2.0"
 BESIDE = "only of a rig with further channels"
 LOGGING = "only where parts log values of their own"
 IMPERFECT = "only of a virtual rig with imperfections"
+SESSION = "only where the record at low level was played again before the table runs"
 OF_CHANNELS = (
     ("channels_gain_error", "1", "true over declared sensitivity, less 1"),
     ("channels_high_pass_error", "1", "true over declared corner of the AC coupling, less 1"),
@@ -127,6 +129,7 @@ def declared_datasets() -> Iterator[DatasetDeclaration]:
     ground = "ground acceleration, scaled and filtered"
     yield DatasetDeclaration("record/ground_accel_m_s2", ACCEL, TIME, "computed", ground, essential=True)
     yield from _of_laboratory()
+    yield from _of_session()
     yield from _of_solution()
     yield from _of_hybrid_building()
     yield from _of_table_run()
@@ -289,6 +292,30 @@ def _of_identification() -> Iterator[DatasetDeclaration]:
         ("damping_ratio", "1", "damping ratios of the specimen, fixed base"),
     ):
         yield DatasetDeclaration(f"identification/{name}", units, ("mode",), "estimated", text)
+
+
+def _of_session() -> Iterator[DatasetDeclaration]:
+    channel, since = ("channel",), "from the identification to this session"
+    numbers: tuple[tuple[str, str, tuple[str, ...], str], ...] = (
+        ("gain_change", "1", channel, f"relative change of a sensor's gain {since}"),
+        ("gain_change_error", "1", channel, "its standard uncertainty, the part that all sensors share included"),
+        ("gain_over_table_change", "1", channel, f"change of the ratio of a sensor's gain to the table's {since}"),
+        ("gain_over_table_change_error", "1", channel, "its standard uncertainty"),
+        ("late_change_s", "s", channel, f"change of a channel's lag after the table's {since}"),
+        ("late_change_error_s", "s", channel, "its standard uncertainty; 0: no change is shown, none was taken"),
+        ("ripple_change_m_s2_per_v", "m/s^2/V", (), f"change of the held command's alias in a table sample {since}"),
+        ("ripple_change_error_m_s2_per_v", "m/s^2/V", (), "its standard uncertainty; 0: none is shown, none was taken"),
+        (
+            "delay_change_s",
+            "s",
+            (),
+            f"change of the delay from the command to the table {since}, where another instant changed",
+        ),
+        ("delay_change_error_s", "s", (), "its standard uncertainty; 0: none is shown"),
+        ("unexplained", "1", (), "rms of what these changes do not explain, in units of the channels' noise at rest"),
+    )
+    for name, units, axes, text in numbers:
+        yield DatasetDeclaration(f"session/{name}", units, axes, "estimated", text, present=SESSION)
 
 
 def _of_block() -> Iterator[DatasetDeclaration]:

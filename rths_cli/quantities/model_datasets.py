@@ -25,6 +25,7 @@ GROUPS = {
     "calibration": "Sensors and weighed masses relative to what is declared, as the records show them.",
     "level_causes": "What makes the responses at low and at full level differ.",
     "low_level": "The record at low level, with which a later verification is compared.",
+    "low_level_lines": "Lines of that record, by a Hann window over all of it, for the record of a session.",
     "channels": "A row per channel: what it showed under excitation.",
     "candidates": "A row per model order that was tried.",
     "roots": "A row per pair of roots of the model of method best, or per single real one.",
@@ -71,6 +72,8 @@ COMPLEX = {
     ("table/METHOD", "zeros"),
     ("table/METHOD", "poles"),
     ("levels", "ratio"),
+    ("low_level_lines", "command_v"),
+    ("low_level_lines", "accel_m_s2"),
 }
 TEXTS = {
     ("verdict", "reasons"),
@@ -167,6 +170,11 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("storeys", "1", ("storeys_entry",), "storeys of the specimen, from 1, whose stiffness depends on level"),
         ),
         "low_level": (("accel_rms_m_s2", "m/s^2", (), "its nominal RMS acceleration below the excitation's corner"),),
+        "low_level_lines": (
+            ("command_v", "V", LINES, "of the command"),
+            ("accel_m_s2", "m/s^2", ("channel", *LINES), "of table and floors"),
+            ("noise", "m/s^2", ("channel",), "standard deviation in a line of the noise of a channel at rest"),
+        ),
     }  # fmt: skip
 
 

@@ -248,15 +248,19 @@ def _driver_verified(real: RealRigSpec | None) -> str:
     return "loopback" if real.udp.is_loopback else "hardware"
 
 
-def driver(case: Case, info: RigInfo, building: Building, seed: Sequence[int], changed: bool) -> Rig:
+def driver(
+    case: Case, info: RigInfo, building: Building, seed: Sequence[int], changed: bool,
+    session: Sequence[int] | None = None,
+) -> Rig:  # fmt: skip
     """Return the case's rig, made but not opened: nothing is connected, nothing moves.
 
-    Where noise is drawn, `seed` names the run's, and `changed` tells whether the rig is what its file says it becomes
-    after the identification. Raises InputError or RigError when a plug-in cannot make its rig.
+    Where noise is drawn, `seed` names the run's, `session` the runs between which nothing drifts (None: this one
+    alone), and `changed` tells whether the rig is what its file says it becomes after the identification. Raises
+    InputError or RigError when a plug-in cannot make its rig.
     """
     table = case.table
     if isinstance(table, VirtualRigSpec):
-        return virtual_driver(case, info, building, seed, changed)
+        return virtual_driver(case, info, building, seed, changed, session)
     if isinstance(table, UdpRigSpec):
         return _udp(info, table)
     if isinstance(table, NiRigSpec):
@@ -268,12 +272,16 @@ def driver(case: Case, info: RigInfo, building: Building, seed: Sequence[int], c
     raise RigError(f"rig {info.name}: there is no driver for rigs of kind {info.kind}")
 
 
-def virtual_driver(case: Case, info: RigInfo, building: Building, seed: Sequence[int], changed: bool) -> VirtualRig:
+def virtual_driver(
+    case: Case, info: RigInfo, building: Building, seed: Sequence[int], changed: bool,
+    session: Sequence[int] | None = None,
+) -> VirtualRig:  # fmt: skip
     """Return the virtual rig of a case; raises InputError where its rig is another."""
     from rths_cli.rigs.virtual.virtual_rig import virtual_rig
 
     mass, info = building.interface_experimental_mass_kg, _as_built(case, info)
-    return virtual_rig(simulated(case), info, building.specimen, mass, tuple(seed), changed, case_seed=case.seed)
+    runs = None if session is None else tuple(session)
+    return virtual_rig(simulated(case), info, building.specimen, mass, tuple(seed), changed, case.seed, runs)
 
 
 def _as_built(case: Case, info: RigInfo) -> RigInfo:
@@ -324,12 +332,16 @@ def true_values(case: Case, info: RigInfo) -> dict[str, Array]:
     return {} if laboratory is None else dict(laboratory.values)
 
 
-def true_values_of_run(case: Case, info: RigInfo, seed: Sequence[int]) -> dict[str, Array]:
-    """Return what such a laboratory draws anew for each run, by dotted key; `seed` names the run's noise."""
+def true_values_of_run(
+    case: Case, info: RigInfo, seed: Sequence[int], session: Sequence[int] | None = None
+) -> dict[str, Array]:
+    """Return what such a laboratory draws anew for each run or session, by dotted key; `seed` names the run's noise,
+    `session` the runs between which nothing drifts (None: this one alone)."""
     from rths_cli.rigs.virtual.laboratory import of_run
 
     laboratory = _laboratory(case, info)
-    return {} if laboratory is None else of_run(laboratory, tuple(seed), len(info.all_channels))
+    runs = None if session is None else tuple(session)
+    return {} if laboratory is None else of_run(laboratory, tuple(seed), len(info.all_channels), runs)
 
 
 def _laboratory(case: Case, info: RigInfo) -> Laboratory | None:

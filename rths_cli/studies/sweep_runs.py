@@ -28,6 +28,7 @@ from rths_cli.experiment.one_table_run import (
 )
 from rths_cli.experiment.provenance import model_sha256
 from rths_cli.experiment.run_case import acceptance, sim_of, truth_of
+from rths_cli.experiment.session import session_key, wants_session_record
 from rths_cli.experiment.setup import building_key, make_setup, motion_key
 from rths_cli.experiment.table_runs_of_case import why_none, why_unsafe
 from rths_cli.loop.run_log import Log, Sizes, empty_log
@@ -100,7 +101,7 @@ class Shared:
 
     def keys(self, setup: Setup) -> Keys:
         """Return what a setup depends on, stage by stage."""
-        case, model = setup.case, _model_key(setup)
+        case, model = setup.case, _model_key(setup) + (session_key(setup) if wants_session_record(setup) else "")
         table = {"name", "after_identification"}
         part = repr(case.model_dump(exclude={**dict.fromkeys(NO_PART | MOTION, True), "table": table}))
         motion = repr((motion_key(case), case.delay_s))

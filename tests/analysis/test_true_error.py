@@ -68,6 +68,27 @@ def test_each_gain_and_mass_has_the_error_of_a_whole_test_with_it(place):
     assert np.sqrt(known().gram[:, parameter, parameter]) == pytest.approx(rms, rel=0.01)
 
 
+@pytest.mark.parametrize("place", range(5))
+def test_what_the_sensors_show_of_each_gain_and_mass_is_what_they_read_of_a_whole_test_with_it(place):
+    size, gain, taken = 1e-3, np.ones(3), MASSES.copy()
+    if place < 3:
+        gain[place] += size
+    else:
+        taken[place - 3] /= 1.0 + size
+    off = gain[:, None] * whole_test(gain, taken) - whole_test(np.ones(3), MASSES)
+    rms = np.sqrt(np.mean(in_band(off, DT) ** 2, axis=1)) / size
+    parameter = place if place < 3 else 9 + place - 3
+    covariance = np.zeros((11, 11))
+    covariance[parameter, parameter] = 1.0
+    assert known().measured_rms(covariance) == pytest.approx(rms, rel=0.01)
+
+
+def test_sensors_show_nothing_of_a_gain_that_all_share():
+    covariance = np.zeros((11, 11))
+    covariance[:3, :3] = 1.0
+    assert np.all(known().measured_rms(covariance) < 1e-6 * np.sqrt(np.einsum("spp->s", known().gram)))
+
+
 def test_errors_of_several_parameters_add_with_their_signs():
     gain, taken = np.array([1.001, 1.001, 1.001]), MASSES
     off = whole_test(gain, taken) - whole_test(np.ones(3), MASSES)

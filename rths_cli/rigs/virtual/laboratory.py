@@ -64,9 +64,13 @@ def laboratory_of(
     return Laboratory(number, stated, values)
 
 
-def of_run(laboratory: Laboratory, run: tuple[int, ...], channels: int) -> dict[str, Array]:
-    """Return what is drawn anew for each run, (channels,) each: changes of gain and phases of the hum in rad."""
-    change = drawn(laboratory.stated.channels.gain_change_between_runs, PER_RUN, laboratory.number, channels, run)
+def of_run(
+    laboratory: Laboratory, run: tuple[int, ...], channels: int, session: tuple[int, ...] | None = None
+) -> dict[str, Array]:
+    """Return what is drawn anew, (channels,) each: changes of gain for each session, phases of the hum in rad for each
+    run. `session` names the runs that follow each other closely; None: the run stands alone."""
+    gains, session = laboratory.stated.channels.gain_change_between_runs, run if session is None else session
+    change = drawn(gains, PER_RUN, laboratory.number, channels, session)
     phase = _stream(HUM_PHASE, laboratory.number, run).uniform(0.0, 2.0 * np.pi, channels)
     return {PER_RUN: change, HUM_PHASE: phase}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -276,8 +277,10 @@ def virtual_rig(
     seed: tuple[int, ...],
     after_identification: bool,
     case_seed: int = 0,
+    session: tuple[int, ...] | None = None,
 ) -> VirtualRig:
-    """Return the rig of a rig file with this specimen on it; `seed` names the noise of the run.
+    """Return the rig of a rig file with this specimen on it; `seed` names the noise of the run, `session` the runs
+    between which nothing drifts (None: this one alone).
 
     `after_identification` applies the changes of table and specimen that the rig file states under that key. From
     `case_seed` a laboratory with imperfections is drawn whose file states no number.
@@ -285,10 +288,20 @@ def virtual_rig(
     physics, noise = spec.physics, spec.sensors.noise_rms_m_s2
     if after_identification:
         physics, specimen = changed(physics, specimen, spec.after_identification)
-    laboratory = true_laboratory(spec, case_seed, len(specimen.masses_kg), [one.uncertainty for one in info.further])
+    floors, further = len(specimen.masses_kg), [one.uncertainty for one in info.further]
+    laboratory = true_laboratory(spec, case_seed, floors, further)
+    if after_identification and spec.after_identification.command_skew_s != 0.0:
+        laboratory = laboratory or laboratory_of(spec.imperfections, case_seed, 1 + floors, floors, further)
+        laboratory = _with_later_command(laboratory, spec.after_identification.command_skew_s)
     if laboratory is None:
         return VirtualRig(info, build_plant(info, physics, specimen, noise, 0, interface_mass_kg), seed)
     specimen, laws = as_it_is(spec, specimen, laboratory)
-    this_run = of_run(laboratory, seed, len(info.all_channels))
+    this_run = of_run(laboratory, seed, len(info.all_channels), session)
     plant = imperfect_plant(info, physics, specimen, laws, noise, interface_mass_kg, laboratory, this_run)
     return VirtualRig(info, plant, seed)
+
+
+def _with_later_command(laboratory: Laboratory, skew_s: float) -> Laboratory:
+    """Return a laboratory whose commands act later."""
+    key = "converters.command_skew_s"
+    return replace(laboratory, values={**laboratory.values, key: laboratory.values[key] + skew_s})

@@ -1,0 +1,126 @@
+"""The record before the table runs: what it finds of a drift, who plays it, and what becomes of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rths_cli.case.load import load_cases
+from rths_cli.experiment.check_command import verdict_on
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.model_files import save
+from rths_cli.experiment.rig_access import EXP_RTHS, IDENTIFICATION, PROBE, SHAKE_TABLE, VERIFICATION, session_of
+from rths_cli.experiment.run_case import run_case
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.files.result_reader import read_result
+from rths_cli.rigs.from_case import true_values_of_run
+from rths_cli.studies.sweep_runs import Shared
+
+PER_RUN = "channels.gain_change_between_runs"
+LATER = "table.after_identification.command_skew_s=1e-4"
+QUICK = ("table=aps400_laboratory", "identification.duration_s=60", "sample_rate_hz=1000", "seed=4")
+
+
+def setup_of(*settings: str) -> Setup:
+    return make_setup(load_cases(["el_centro_low_ff_fb"], settings)[0], ("check", "model"))
+
+
+def played(setup: Setup, path: Path, memory: Memory, series: str = "none") -> list[str]:
+    """Run a case; return what it told of its motions."""
+    said: list[str] = []
+    assert run_case(setup, path, memory, "test", said.append, series=series).status == "complete"
+    return said
+
+
+@pytest.fixture(scope="module")
+def laboratory(tmp_path_factory: pytest.TempPathFactory) -> tuple[Setup, Memory, Path, list[str]]:
+    setup, memory = setup_of(*QUICK, "runs=[sim, sim_delay, shake_table, exp_rths]"), Memory()
+    path = tmp_path_factory.mktemp("session") / "laboratory.h5"
+    return setup, memory, path, played(setup, path, memory, "all")
+
+
+def test_the_drift_of_a_laboratory_is_found_by_the_record(laboratory: tuple[Setup, Memory, Path, list[str]]) -> None:
+    setup, _, path, said = laboratory
+    assert [text for text in said if text.startswith("probe")] == 2 * ["probe of 25 s at 0.4 m/s^2 rms"]
+    then = true_values_of_run(setup.case, setup.rig, (setup.case.identification.seed, IDENTIFICATION))[PER_RUN]
+    with h5py.File(path) as file:
+        now = file["exp_rths/truth/channels_gain_change_between_runs"][()]
+        assert np.array_equal(now, file["shake_table/truth/channels_gain_change_between_runs"][()])
+        found, error = (file[f"session/gain_over_table_change{end}"][()] for end in ("", "_error"))
+        assert file["session/unexplained"][()] < 2.0
+        assert not file["session/late_change_s"][()].any()
+    true = (now - then) - (now - then)[0]
+    assert np.abs(true[1:]).max() > 2e-4  # there is something to be found
+    assert np.all(error[1:] < 1e-4) and np.all(np.abs(found - true)[1:] < 3.0 * error[1:])
+
+
+def test_the_bound_counts_what_is_left_of_the_drift(laboratory: tuple[Setup, Memory, Path, list[str]]) -> None:
+    setup, memory, _, _ = laboratory
+    without = setup_of(*QUICK, "session_record=never")
+    tested, blind = (verdict_on(one, memory.known(one, lambda _: None)).figures for one in (setup, without))
+    for name in ("check.true_error_bound_m_s2", "check.expected_error_m_s2"):
+        assert np.all(np.asarray(tested[name]) < np.asarray(blind[name])), name
+    assert memory.identify(setup, lambda _: None).session is None
+    assert memory.known(without, lambda _: None).found.session is None
+    assert memory.known(setup, lambda _: None).found.session is not None
+
+
+def test_a_converter_that_acts_later_than_at_the_identification_is_found(tmp_path: Path, memory: Memory) -> None:
+    """100 us between the converters, on a stiff table: the alias of the held command is another."""
+    ratios, runs = {}, "runs=[sim, sim_delay, exp_rths]"
+    for asked in ("always", "automatic"):
+        path = tmp_path / f"{asked}.h5"
+        played(setup_of(runs, LATER, f"session_record={asked}"), path, memory)
+        ratios[asked] = float(np.max(read_result(path).metrics["exp_rths.true_reference_ratio"]))
+    assert ratios["always"] <= 0.03 and ratios["automatic"] > 0.1  # a rig that is exactly as declared plays none
+    with h5py.File(tmp_path / "always.h5") as file:
+        change, error = (float(file[f"session/ripple_change{end}_m_s2_per_v"][()]) for end in ("", "_error"))
+        assert change == pytest.approx(2.5, abs=0.1) and error < 0.02
+        assert float(file["session/delay_change_s"][()]) == pytest.approx(1e-4, rel=0.1)
+    over = np.asarray(read_result(tmp_path / "always.h5").metrics["exp_rths.error_over_expected"])
+    assert np.all(np.abs(np.log(over)) < np.log(1.5))
+    with h5py.File(tmp_path / "automatic.h5") as file:
+        assert "session" not in file
+    assert "converters act at other instants" in read_result(tmp_path / "always.h5").attributes["warnings"]
+
+
+def test_a_rig_that_has_not_changed_loses_nothing_by_the_record(tmp_path: Path, memory: Memory) -> None:
+    ratios = []
+    for asked in ("always", "never"):
+        path = tmp_path / f"{asked}.h5"
+        played(setup_of("runs=[sim, sim_delay, exp_rths]", f"session_record={asked}"), path, memory)
+        ratios.append(float(np.max(read_result(path).metrics["exp_rths.true_reference_ratio"])))
+    assert ratios[0] == pytest.approx(ratios[1], rel=0.02) and ratios[0] <= 0.012
+
+
+def test_the_record_that_verifies_a_model_file_is_that_of_the_session(tmp_path: Path, memory: Memory) -> None:
+    setup, path, said = setup_of("runs=[exp_rths]"), tmp_path / "table.h5", list[str]()
+    save(path, setup, memory.identify(setup, lambda _: None), "made for this test", "0" * 64)
+    stored = setup_of("runs=[exp_rths]", f"identification.model={path}", "session_record=always", LATER)
+    fresh = Memory()
+    found = [fresh.known(stored, said.append).found for _ in range(2)]
+    assert [text for text in said if text.startswith("probe")] == ["probe of 25 s at 0.4 m/s^2 rms"]
+    assert found[0].session is not None and found[0].session.ripple_m_s2_per_v == pytest.approx(2.5, abs=0.1)
+
+
+def test_runs_of_a_case_are_in_one_session() -> None:
+    setup = setup_of("table=aps400_laboratory", "seed=4", "identification.seed=2")
+    assert session_of(setup, (IDENTIFICATION,), 2) == session_of(setup, (PROBE, 1), 2) == (2, IDENTIFICATION)
+    before = session_of(setup, (VERIFICATION,), 2)
+    assert before == session_of(setup, (EXP_RTHS,), 4) == session_of(setup, (SHAKE_TABLE,), 4) == (4, EXP_RTHS)
+    assert session_of(setup, (EXP_RTHS,), 9) == before  # a repetition in a sweep, whose blocks are those of this case
+    alone = setup_of("table=aps400_laboratory", "seed=4", "session_record=never")
+    assert session_of(alone, (EXP_RTHS,), 9) == (9, EXP_RTHS)
+
+
+def test_points_of_a_sweep_in_other_sessions_share_no_blocks() -> None:
+    shared, drawn = Shared((), lambda _: None), ("table=aps400_laboratory", "table.imperfections.laboratory=7")
+
+    def design(seed: int, *settings: str) -> str:
+        return shared.keys(setup_of(*drawn, f"seed={seed}", *settings)).design
+
+    assert design(1) != design(2)
+    assert design(1, "session_record=never") == design(2, "session_record=never")

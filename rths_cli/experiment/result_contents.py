@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from rths_cli.identification.results import Identification
     from rths_cli.loop.simulated_time_run import Whole
     from rths_cli.numerics.lti import Array
+    from rths_cli.structure import Building
 
 
 def write_record(writer: ResultWriter, setup: Setup) -> None:
@@ -54,6 +55,18 @@ def write_laboratory(writer: ResultWriter, setup: Setup) -> None:
         }
         number = laboratory_number(setup.case)
         writer.group("truth", {"laboratory": np.float64(number or 0), **true_arrays(values)}, scales=scales)
+
+
+def write_told_specimen(writer: ResultWriter, setup: Setup, told: Building) -> None:
+    """Write the specimen that the rig of a package says it has."""
+    numerical, floors = len(setup.building.numerical.masses_kg), len(setup.floor_masses_kg)
+    one = told.specimen
+    values = {
+        "specimen_masses_kg": one.masses_kg,
+        "specimen_stiffness_n_per_m": one.K,
+        "specimen_damping_n_s_per_m": one.C,
+    }
+    writer.group("truth", values, scales={"floor": np.arange(numerical + 1, numerical + 1 + floors)})
 
 
 def true_arrays(values: Mapping[str, Array]) -> dict[str, ArrayLike]:

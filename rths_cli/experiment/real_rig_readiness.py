@@ -138,7 +138,7 @@ def heard(
 ) -> Array:
     """Open and arm the rig, command zero for a time, and return its samples (n, c + f) in V.
 
-    `look` is called with the newest samples every LOOK_S; `session` is the name that the rig is told. Raises RigError if
+    `look` is called with the newest samples every LOOK_S, the rig is told the name of the `session`. Raises RigError if
     it is not available.
     """
     resting = as_commands(np.zeros(rig.info.actuators))

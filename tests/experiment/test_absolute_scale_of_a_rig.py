@@ -22,8 +22,8 @@ TABLE = {
 def test_a_displacement_sensor_finds_the_true_gains_at_a_low_rate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At 500 Hz a sample of the table holds an alias of the held command that no displacement sensor shows; with it the gains
-    would be 10 % wrong."""
+    """At 500 Hz a sample of the table holds an alias of the held command, which no displacement sensor shows; taken for
+    motion it would make the gains 10 % wrong."""
     monkeypatch.chdir(tmp_path)
     settings = {"table": TABLE, "sample_rate_hz": 500, "identification": {"duration_s": 40}}
     found = rths_cli.identify("el_centro_low_ff_fb", "model.h5", settings=settings)

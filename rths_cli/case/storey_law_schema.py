@@ -10,6 +10,7 @@ from pydantic import (
     BeforeValidator,
     Field,
     GetJsonSchemaHandler,
+    TypeAdapter,
     ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
@@ -18,6 +19,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails
 
 from rths_cli.case.field_types import Problem, Range, Strict, exactly_one, near, number, refusal, shown
+from rths_cli.errors import InputError
 
 Drift = Annotated[float, Range(gt=0, le=100)]
 Hardening = Annotated[float, Range(ge=0, le=1)]
@@ -237,3 +239,12 @@ AnyLaw = Annotated[
 ]
 StoreyLaws = Annotated[tuple[tuple[AnyLaw, ...], ...], BeforeValidator(_by_storey), _AsWritten]
 """Laws storey by storey from the ground, several of a storey in parallel."""
+
+
+def checked_laws(data: object) -> StoreyLaws:
+    """Return laws as a structure file may state them, checked; raises InputError with the first fault."""
+    try:
+        return TypeAdapter(StoreyLaws).validate_python(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"{'.'.join(str(part) for part in first['loc'])}: {first['msg']}") from error

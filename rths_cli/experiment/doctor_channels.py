@@ -14,7 +14,6 @@ from rths_cli.errors import RigError
 from rths_cli.experiment.identify_on_rig import play_excitation
 from rths_cli.experiment.real_rig_readiness import AtRest, channel_faults, heard
 from rths_cli.experiment.rig_access import PROBE, open_rig
-from rths_cli.rigs.interface import name_session
 
 if TYPE_CHECKING:
     from rths_cli.experiment.setup import Setup
@@ -118,14 +117,13 @@ def _heard(setup: Setup, seconds: float, say: Callable[[str], object]) -> Array:
     """Return the samples (n, c + f) in V of a rig at rest; `say` hears of live values."""
     channels = setup.rig.all_channels
     rig = open_rig(setup, (PROBE,), 0)
-    name_session(rig, "doctor")
 
     def look(samples: Array) -> None:
         values = zip(channels, samples, strict=True)
         told = (f"{c.name} {c.sign * v / c.sensitivity_v_per_unit:.3g} {c.unit}" for c, v in values)
         say(", ".join(told))
 
-    return heard(setup, rig, seconds, look)
+    return heard(setup, rig, seconds, look, "doctor")
 
 
 def first_signs(shown: Array, found: AtRest, info: RigInfo) -> list[int]:

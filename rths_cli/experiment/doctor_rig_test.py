@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from rths_cli.numerics.clock import IntArray
     from rths_cli.rigs.interface import Rig
 
+HURRY = 0.5  # time that exchanges take over that of their sample instants, below which they wait for none
+
 
 def exchange_delays(case: Case) -> ExchangeDelays:
     """Return a function that measures when the samples of each step arrive, for a rate in Hz and a duration in s.
@@ -65,10 +67,20 @@ def udp_delays(rig: LinkedRig, steps: int) -> IntArray:
 
 
 def paced_delays(rig: Rig, steps: int) -> IntArray:
-    """Return the delay (n,) of each exchange in ns against an even pace, relative to the earliest one."""
+    """Return the delay (n,) of each exchange in ns against an even pace, relative to the earliest one.
+
+    Raises RigError for a rig whose exchanges do not wait for their sample instants.
+    """
     returned, resting = np.zeros(steps, dtype=np.int64), as_commands(np.zeros(rig.info.actuators))
     for k in range(steps):
         rig.exchange(resting)
         returned[k] = time.monotonic_ns()
+    took_s, wanted_s = 1e-9 * float(returned[-1] - returned[0]), (steps - 1) * rig.info.dt_s
+    if took_s < HURRY * wanted_s:
+        raise RigError(
+            f"rig {rig.info.name}: {steps - 1} exchanges took {took_s:.3g} s, not the {wanted_s:.3g} s of their sample "
+            "instants: exchange does not wait for the next one. Have it wait for the rig's clock; the class of a "
+            "simulated rig, which counts its steps, says so by COUNTED_CLOCK among its offers"
+        )
     late = returned - np.round(np.arange(steps) * (1e9 * rig.info.dt_s)).astype(np.int64)
     return np.asarray(late - late.min())

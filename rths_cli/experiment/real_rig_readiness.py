@@ -133,13 +133,16 @@ def listened(setup: Setup, rig: Rig) -> AtRest:
     return found
 
 
-def heard(setup: Setup, rig: Rig, seconds: float, look: Callable[[Array], object] = lambda _: None) -> Array:
+def heard(
+    setup: Setup, rig: Rig, seconds: float, look: Callable[[Array], object] = lambda _: None, session: str = "listening"
+) -> Array:
     """Open and arm the rig, command zero for a time, and return its samples (n, c + f) in V.
 
-    `look` is called with the newest samples every LOOK_S. Raises RigError if the rig is not available.
+    `look` is called with the newest samples every LOOK_S, the rig is told the name of the `session`. Raises RigError if
+    it is not available.
     """
     resting = as_commands(np.zeros(rig.info.actuators))
-    name_session(rig, "listening")
+    name_session(rig, session)
     with opened(rig):
         shown = [np.array(rig.arm(), dtype=float)]
         every = max(round(LOOK_S / setup.rig.dt_s), 1)

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from rths_cli.identification.results import Identification
     from rths_cli.loop.simulated_time_run import Whole
     from rths_cli.numerics.lti import Array
+    from rths_cli.structure import Building
 
 
 def write_record(writer: ResultWriter, setup: Setup) -> None:
@@ -62,6 +63,18 @@ def write_session(writer: ResultWriter, setup: Setup, identified: Identification
     if identified.session is not None:
         scales: dict[str, ArrayLike] = {"channel": np.arange(1, 1 + len(setup.rig.channels))}
         writer.group("session", as_stored(identified.session), scales=scales)
+
+
+def write_told_specimen(writer: ResultWriter, setup: Setup, told: Building) -> None:
+    """Write the specimen that the rig of a package says it has."""
+    numerical, floors = len(setup.building.numerical.masses_kg), len(setup.floor_masses_kg)
+    one = told.specimen
+    values = {
+        "specimen_masses_kg": one.masses_kg,
+        "specimen_stiffness_n_per_m": one.K,
+        "specimen_damping_n_s_per_m": one.C,
+    }
+    writer.group("truth", values, scales={"floor": np.arange(numerical + 1, numerical + 1 + floors)})
 
 
 def true_arrays(values: Mapping[str, Array]) -> dict[str, ArrayLike]:

@@ -113,6 +113,10 @@ def run_case(
         if known is not None and checked is not None:
             played = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
             values |= played.values
+            if stage is not None and stage.told is not None:
+                result_contents.write_told_specimen(writer, setup, stage.told)
+                if played.true_accel is not None:
+                    truth = _truth_told(setup, stage.told, progress)
             if truth is not None and played.true_accel is not None:
                 values |= true_reference.metrics_of(setup, truth, played.true_accel, values)
             values |= expected_errors.metrics_of(checked.true_error, values)
@@ -218,6 +222,11 @@ def truth_of(setup: Setup, sim: Response, shared: SharedValues, progress: Progre
     return _for(setup, shared).get(
         "true_reference", key, lambda: interruptible(lambda: true_reference.true_reference(setup, sim, progress))
     )
+
+
+def _truth_told(setup: Setup, told: Building, progress: Progress) -> TrueReference:
+    """Return the true reference of the specimen that the rig of a package says it has; nobody else shares it."""
+    return interruptible(lambda: true_reference.reference_of_building(setup, told, progress))
 
 
 def _change_of_residual_drift(setup: Setup, sim: Response, shared: SharedValues) -> Array:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from rths_cli.loop.simulated_time_run import Outcome
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
+    from rths_cli.structure import Building
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,13 @@ class Played:
 
 
 class Stage(Protocol):
-    """Where the runs of a case are played."""
+    """Where the runs of a case are played.
+
+    `told` is the building with the specimen that the rig of a package said to have in the last run, None where it said
+    nothing.
+    """
+
+    told: Building | None
 
     def play(self, plan: RunPlan, writer: ResultWriter) -> Outcome:
         """Play one run; the result file may be closed meanwhile."""
@@ -65,7 +72,9 @@ class Stage(Protocol):
 
 
 class VirtualStage:
-    """Plays runs on virtual rigs, which need no real time."""
+    """Plays runs on virtual rigs, which need no real time; their specimens stand in their rig files."""
+
+    told: Building | None = None
 
     def play(self, plan: RunPlan, writer: ResultWriter) -> Outcome:
         """Play one run."""

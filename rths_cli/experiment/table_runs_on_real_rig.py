@@ -20,6 +20,7 @@ from rths_cli.loop.realtime_run import STOP_KEY, Performance, Performed, order, 
 from rths_cli.loop.run_log import column_names, column_units, sizes_of
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.quantities.datasets import LINK_COUNTS
+from rths_cli.rigs.from_case import told_building
 from rths_cli.rigs.interface import linked, name_session
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from rths_cli.files.result_writer import ResultWriter
     from rths_cli.loop.simulated_time_run import Outcome
     from rths_cli.rigs.interface import Rig
+    from rths_cli.structure import Building
 
 
 def ask_the_rig(setup: Setup, memory: Memory, progress: Progress) -> None:
@@ -53,6 +55,7 @@ class RealStage:
 
     def __init__(self, show: Callable[[str, View], bool]) -> None:
         self._show = show
+        self.told: Building | None = None
         self._logs: list[RawLogWriter] = []
 
     def play(self, plan: RunPlan, writer: ResultWriter) -> Outcome:
@@ -82,6 +85,7 @@ class RealStage:
             LogStream(log, ready.log.columns, ready.log.done, ready.course.orders) as stream,
             real_rig_readiness.opened(rig),
         ):
+            self.told = told_building(rig, setup.building)
             performed = perform_watched(rig, ready, watch)
             counts = link_counts(rig)
         writer.resume()

@@ -1,7 +1,8 @@
 """The true reference: SIM and SIM-DELAY of the declared numerical storeys below the specimen as it is.
 
 Control answers for the error against it, the declaration of the specimen for the difference to the error against SIM of
-the building as declared. Only a virtual rig knows the specimen as it is (docs/decisions/errors_and_bands.md).
+the building as declared. Only a simulated rig knows the specimen as it is: the virtual one, or one of a package that
+tells it (docs/decisions/errors_and_bands.md).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from rths_cli.experiment.setup import Progress, Setup
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
+    from rths_cli.structure import Building
 
 PREFIX = "true_reference_"
 RMS, NRMSE = "rms_error_m_s2", "nrmse_percent"
@@ -56,6 +58,11 @@ def true_reference(setup: Setup, sim: Response, progress: Progress) -> TrueRefer
         return None
     if building is setup.building:
         return TrueReference(sim.abs_accel_m_s2, None, as_declared=True)
+    return reference_of_building(setup, building, progress)
+
+
+def reference_of_building(setup: Setup, building: Building, progress: Progress) -> TrueReference:
+    """Return the true reference of a case whose specimen as it is stands in `building`."""
     progress("SIM and SIM-DELAY of the specimen as it is")
     dt_s, ground, reference = setup.rig.dt_s, setup.motion.accel_m_s2, reference_of(building)
     true_sim, delayed = reference.sim(building, dt_s, ground), None

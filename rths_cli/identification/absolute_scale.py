@@ -48,7 +48,11 @@ def observations(
         if channel.position != "table" or channel.kind not in ("displacement", "force"):
             continue
         high_hz = SPAN * low_hz if channel.kind == "displacement" else min(SPAN * low_hz, BELOW_FIRST * first_hz)
-        seen = [_lines(record, place, info.dt_s, (low_hz, high_hz)) for record in records if record.further is not None]
+        seen = [
+            _lines(record, place, info.dt_s, (low_hz, high_hz), channel.kind == "displacement")
+            for record in records
+            if record.further is not None
+        ]
         if not seen or sum(s.size for s, _, _ in seen) < LEAST_LINES:
             continue
         found.append(_observed(place, channel, seen, masses_kg, len(info.channels)))
@@ -56,19 +60,30 @@ def observations(
 
 
 def _lines(
-    record: Record, place: int, dt_s: float, band_hz: tuple[float, float]
+    record: Record, place: int, dt_s: float, band_hz: tuple[float, float], of_displacement: bool
 ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Return lines s (m,) in rad/s of a record's excitation, of its accelerations (c, m) and of a further channel (m,).
 
-    The window is von Hann's: the lines are those of signals that begin and end at zero.
+    The window w is von Hann's: the lines are those of signals that begin and end at zero. A windowed displacement x is
+    not the integral of the windowed acceleration: w x'' = (w x)'' - 2 (w' x)' + w'' x, so that its lines are those of
+    w x - 2 (w' x) / s + (w'' x) / s^2. Without that a short record would show up to 2 % less than there is.
     """
     assert record.further is not None
     signals = np.vstack([record.accel_m_s2, record.further[place : place + 1]])[:, record.parts.noise]
-    signals = (signals - signals.mean(axis=1, keepdims=True)) * np.hanning(signals.shape[1])
-    frequency = np.fft.rfftfreq(signals.shape[1], dt_s)
+    count = signals.shape[1]
+    signals = signals - signals.mean(axis=1, keepdims=True)
+    frequency = np.fft.rfftfreq(count, dt_s)
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
-    spectra = np.fft.rfft(signals)[:, inside]
-    return np.asarray(2j * np.pi * frequency[inside]), spectra[:-1], spectra[-1]
+    s: ComplexArray = np.asarray(2j * np.pi * frequency[inside])
+    spectra = np.fft.rfft(signals * np.hanning(count))[:, inside]
+    reading = spectra[-1]
+    if of_displacement:
+        rate = 2.0 * np.pi / ((count - 1) * dt_s)
+        turn = rate * dt_s * np.arange(count)
+        slope, bend = 0.5 * rate * np.sin(turn), 0.5 * rate**2 * np.cos(turn)
+        of_slope, of_bend = np.fft.rfft(signals[-1] * np.array([slope, bend]))[:, inside]
+        reading = reading - 2.0 * of_slope / s + of_bend / s**2
+    return s, spectra[:-1], reading
 
 
 def _observed(

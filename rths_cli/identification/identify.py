@@ -117,8 +117,15 @@ def _calibration(data: Evidence, declared: Identification) -> Calibration:
     seen, low_hz = identify_specimen.motions(data, declared.best, free=False), identify_specimen.lowest_hz(data, start)
     found = calibrate(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
     first_hz = float(declared.specimen.natural_frequency_hz[0])
-    seen_beside = observations(data.records, data.info, data.masses_kg, low_hz, first_hz)
+    moved = [_without_staircase(record, declared.best) for record in data.records]  # no displacement sensor shows it
+    seen_beside = observations(moved, data.info, data.masses_kg, low_hz, first_hz)
     return with_scale(found, seen_beside, len(data.info.further))
+
+
+def _without_staircase(record: Record, model: Model) -> Record:
+    """Return a record whose table shows its motion alone, without the alias of the held command."""
+    table = identify_specimen.without_staircase(record.accel_m_s2[0], record.command_v, model)
+    return Record(record.command_v, np.vstack([table, record.accel_m_s2[1:]]), record.parts, record.further)
 
 
 def _identified(data: Evidence, given: Model | None) -> Identification:

@@ -37,13 +37,13 @@ GROUPS = {
     "case": "The case file, as text.",
     "record": "The ground motion that the runs have in common.",
     "session": "What changed in sensors and converters since the identification, by the record before the table runs.",
-    "truth": "How a virtual laboratory with imperfections differs from what its files declare.",
+    "truth": "How a simulated laboratory differs from what its files declare.",
     "SOLUTION": "A computed response of the whole building: `sim` without, `sim_delay` with the delay of the case.",
     "exp_rths": "The hybrid building in EXP-RTHS, beside what every run on the table holds.",
     "RUN": "A run on the table: `shake_table` or `exp_rths`.",
     "RUN/rest": "The channels while the table stood still before and after the run.",
     "RUN/timing": "How long steps took and, on a real rig, what became of each exchange.",
-    "RUN/truth": "What only a virtual rig knows.",
+    "RUN/truth": "What only a simulated rig knows.",
     "identification": "What was identified of table and specimen, and the table model that the controllers use.",
     "controller/BLOCK": "A discrete block of the step, x[k+1] = A x + B u, y = C x + D u.",
 }
@@ -62,6 +62,7 @@ BESIDE = "only of a rig with further channels"
 LOGGING = "only where parts log values of their own"
 IMPERFECT = "only of a virtual rig with imperfections"
 SESSION = "only where the record at low level was played again before the table runs"
+TOLD = "only of a package's rig that tells its specimen"
 OF_CHANNELS = (
     ("channels_gain_error", "1", "true over declared sensitivity, less 1"),
     ("channels_high_pass_error", "1", "true over declared corner of the AC coupling, less 1"),
@@ -165,6 +166,11 @@ def _of_laboratory() -> Iterator[DatasetDeclaration]:
     for axes, entries in ((("channel",), OF_CHANNELS), (("floor",), OF_STOREYS), ((), OF_LABORATORY)):
         for name, units, text in entries:
             yield DatasetDeclaration(f"truth/{name}", units, axes, "true", text, present=IMPERFECT)
+    masses, square = "masses of the floors on the table", ("floor", "of_floor")
+    yield DatasetDeclaration("truth/specimen_masses_kg", "kg", ("floor",), "true", masses, present=TOLD)
+    for name, units in (("stiffness_n_per_m", "N/m"), ("damping_n_s_per_m", "N*s/m")):
+        text = f"{name.partition('_')[0]} of the specimen at rest, what laws add included"
+        yield DatasetDeclaration(f"truth/specimen_{name}", units, square, "true", text, present=TOLD)
 
 
 def _of_solution() -> Iterator[DatasetDeclaration]:
@@ -261,9 +267,9 @@ def _of_timing() -> Iterator[DatasetDeclaration]:
 
 
 def _of_truth() -> Iterator[DatasetDeclaration]:
-    mean = "absolute, before any sensor, mean over the step around the sample (virtual rig only)"
+    mean = "absolute, before any sensor, mean over the step around the sample (simulated rig only)"
     yield DatasetDeclaration("RUN/truth/table_accel_m_s2", ACCEL, TIME, "true", f"table acceleration, {mean}")
-    yield DatasetDeclaration("RUN/truth/table_disp_m", "m", TIME, "true", "table displacement (virtual rig only)")
+    yield DatasetDeclaration("RUN/truth/table_disp_m", "m", TIME, "true", "table displacement (simulated rig only)")
     yield DatasetDeclaration("RUN/truth/floor_accel_m_s2", ACCEL, ON_FLOORS, "true", f"floor acceleration, {mean}")
     for name, units, text in OF_EACH_RUN:
         yield DatasetDeclaration(f"RUN/truth/{name}", units, ("channel",), "true", text, present=IMPERFECT)

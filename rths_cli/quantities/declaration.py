@@ -57,7 +57,7 @@ class Quantity:
 TABLE_RUNS = ("shake_table", "exp_rths")
 """The runs on the table, by the names of their groups."""
 Source = Literal["computed", "measured", "estimated", "true"]
-"""Where values come from; `true` is what only a virtual rig knows."""
+"""Where values come from; `true` is what only a simulated rig knows."""
 Kind = Literal["real", "complex", "text"]
 KIND_OF_DTYPE = {**dict.fromkeys("biuf", "real"), "c": "complex", **dict.fromkeys("OSU", "text")}
 

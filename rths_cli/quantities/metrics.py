@@ -33,7 +33,7 @@ GROUPS = (
 )  # fmt: skip
 KINDS = {
     "_true_full": "true, in full band",
-    "_true": "true: before any sensor, which only a virtual rig knows",
+    "_true": "true: before any sensor, which only a simulated rig knows",
     "_full": "in full band: no low pass",
     "_model": "with the model alone, not the measured response",
 }
@@ -244,7 +244,7 @@ def _against_sim() -> Iterator[Quantity]:
 
 def _against_truth() -> Iterator[Quantity]:
     """Yield the errors against SIM of the declared numerical storeys below the specimen as it is."""
-    about = "against SIM of the declared numerical storeys below the specimen as it is (virtual rig only)"
+    about = "against SIM of the declared numerical storeys below the specimen as it is (simulated rig only)"
     for run, what, better in (
         ("exp_rths", "RMS of the true absolute acceleration of each storey", LESS),
         ("sim_delay", "RMS of SIM-DELAY of that building, absolute acceleration of each storey,", NONE),
@@ -253,11 +253,9 @@ def _against_truth() -> Iterator[Quantity]:
         yield Quantity(path, ACCEL, "storey", better, f"{what} {about}", (), BAND, scales_as=ACCEL)
         path = f"{run}.true_reference_nrmse_percent"
         yield Quantity(path, "%", "storey", better, f"{what} {about}, in percent of RMS of that SIM", (), BAND)
-    ratio = "error of EXP-RTHS over that of SIM-DELAY, RMS, both against the true reference (virtual rig only)"
+    ratio = "error of EXP-RTHS over that of SIM-DELAY, RMS, both against the true reference (simulated rig only)"
     yield Quantity("exp_rths.true_reference_ratio", "1", "storey", LESS, ratio, (), BAND)
-    rank = (
-        "probability of a smaller error than the true one, by the distribution that the check stated (virtual rig only)"
-    )
+    rank = "probability of a smaller error than the true one, by the check's distribution (simulated rig only)"
     yield Quantity("exp_rths.true_error_rank", "1", "storey", NONE, rank, (), BAND)
     beyond = "measured RMS error of each storey over the one that the check expected"
     yield Quantity("exp_rths.error_over_expected", "1", "storey", NONE, beyond, (), BAND)

@@ -23,7 +23,7 @@ ABOUT = (
     "case_name", "method", "rig", "rig_kind", "record_name", "scaling", "damping_name", "controller", "seed",
     "created_utc", "rths_version", "git_commit",
 )  # fmt: skip
-TRUE = "True: table and floors before any sensor, which only a virtual rig knows; full-t: true, in full band."
+TRUE = "True: table and floors before any sensor, which only a simulated rig knows; full-t: true, in full band."
 HALTED_WORD = SHORT["interrupted"]
 HALTED = f"{HALTED_WORD}: interrupted, by an order to stop or because the process ended."
 TOLD = ("shake_table.tracking_rms_m_s2", "exp_rths.tracking_rms_m_s2")

@@ -24,6 +24,7 @@ from rths_cli.case.rig_schema import (
 from rths_cli.errors import InputError, RigError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo, Uncertainty
+from rths_cli.rigs.interface import specimen_known
 from rths_cli.structure import assemble
 from rths_cli.structure.storey_laws import stacked
 
@@ -37,7 +38,8 @@ if TYPE_CHECKING:
     from rths_cli.rigs.udp.udp_rig import UdpRig
     from rths_cli.rigs.virtual.laboratory import Laboratory
     from rths_cli.rigs.virtual.virtual_rig import VirtualRig
-    from rths_cli.structure import Building
+    from rths_cli.structure import Building, Specimen
+    from rths_cli.structure.storey_laws import Laws
 
 SAME = 1e-6  # relative difference within which a stated number is the same
 
@@ -306,6 +308,26 @@ def true_building(case: Case, declared: Building) -> Building | None:
     pairs = ((specimen.masses_kg, stated.masses_kg), (specimen.K, stated.K), (specimen.C, stated.C))
     if laws.code.size == 0 and all(np.array_equal(*pair) for pair in pairs):
         return declared
+    return _with_specimen(declared, specimen, laws)
+
+
+def told_building(rig: Rig, declared: Building) -> Building | None:
+    """Return the declared numerical storeys below the specimen that an open rig of a package says it has; None where
+    it does not say. Raises RigError for one that does not fit the rig."""
+    teller = specimen_known(rig)
+    if teller is None:
+        return None
+    from rths_cli.rigs.virtual.specimen_laws import specimen_with_laws
+
+    try:
+        told = specimen_with_laws(*teller.specimen(), STANDARD_GRAVITY_M_S2)
+    except InputError as error:
+        raise RigError(f"rig {rig.info.name}: laws of its specimen: {'; '.join(error.faults)}") from error
+    return _with_specimen(declared, *told)
+
+
+def _with_specimen(declared: Building, specimen: Specimen, laws: Laws) -> Building:
+    """Return the declared numerical storeys below another specimen, in which is what its laws add at rest."""
     M, C, K = assemble(declared.numerical, specimen, declared.interface_experimental_mass_kg)
     together = stacked(declared.laws, laws, len(declared.numerical.masses_kg))
     return replace(declared, specimen=specimen, M=M, C=C, K=K, laws=together)

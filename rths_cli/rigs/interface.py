@@ -12,7 +12,9 @@ from rths_cli.numerics.lti import Array, Integers
 from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
 
 if TYPE_CHECKING:
+    from rths_cli.case.storey_law_schema import StoreyLaws
     from rths_cli.rigs.udp.link import Link
+    from rths_cli.structure import Specimen
 
 __all__ = [
     "COMPILED_LINK",
@@ -22,6 +24,7 @@ __all__ = [
     "OF_PLUGINS",
     "SESSIONS",
     "SESSION_NAMES",
+    "SPECIMEN",
     "STANDARD_GRAVITY_M_S2",
     "TRUTH",
     "Channel",
@@ -34,6 +37,7 @@ __all__ = [
     "RigInfo",
     "SessionRig",
     "SimulatedRig",
+    "SpecimenRig",
     "TruthfulRig",
     "as_commands",
     "counts_time",
@@ -43,6 +47,7 @@ __all__ = [
     "one_actuator",
     "only_command",
     "simulated",
+    "specimen_known",
     "truthful",
 ]
 
@@ -50,9 +55,9 @@ __all__ = [
 Commands = float | Array
 """Commands in V: a number for a rig with one actuator, an array (a,) for a rig with several."""
 COMPILED_PLANT, COMPILED_LINK, MISSED_EDGES = "compiled plant", "compiled link", "missed edges"
-COUNTED_CLOCK, TRUTH, SESSIONS = "counted clock", "truth", "sessions"
+COUNTED_CLOCK, TRUTH, SPECIMEN, SESSIONS = "counted clock", "truth", "specimen", "sessions"
 """What a driver's class may say in `offers` that its rigs have beside `exchange`; a class without it offers nothing."""
-OF_PLUGINS = (MISSED_EDGES, COUNTED_CLOCK, TRUTH, SESSIONS)
+OF_PLUGINS = (MISSED_EDGES, COUNTED_CLOCK, TRUTH, SPECIMEN, SESSIONS)
 """What a rig of a package may offer."""
 
 
@@ -158,6 +163,13 @@ class TruthfulRig(Rig, Protocol):
         interval that the last exchange took, and the table's true displacement in m at its samples; zeros after arm."""
 
 
+class SpecimenRig(Rig, Protocol):
+    """A simulated rig that tells its specimen as it is."""
+
+    def specimen(self) -> tuple[Specimen, StoreyLaws]:
+        """Return the specimen as it is in this session, without what laws add at rest, and the laws of its storeys."""
+
+
 class SessionRig(Rig, Protocol):
     """A rig that is told what each of its sessions is for."""
 
@@ -176,6 +188,11 @@ def counts_time(rig: Rig) -> bool:
 def truthful(rig: Rig) -> TruthfulRig | None:
     """Return a rig that tells the truth of its table, None for one that does not."""
     return cast("TruthfulRig", rig) if _offers(rig, TRUTH) else None
+
+
+def specimen_known(rig: Rig) -> SpecimenRig | None:
+    """Return a rig that tells its specimen as it is, None for one that does not."""
+    return cast("SpecimenRig", rig) if _offers(rig, SPECIMEN) else None
 
 
 def name_session(rig: Rig, name: str) -> None:

@@ -14,23 +14,28 @@ from typing import Any, cast
 import numpy as np
 
 from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
+from rths_cli.case.storey_law_schema import StoreyLaws, checked_laws
 from rths_cli.errors import InputError, RigError, RthsError
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import (
     MISSED_EDGES,
     OF_PLUGINS,
     SESSIONS,
+    SPECIMEN,
     TRUTH,
     Commands,
     CountingRig,
     Rig,
     RigInfo,
     SessionRig,
+    SpecimenRig,
     TruthfulRig,
 )
+from rths_cli.structure import Specimen
 
 METHODS = ("open", "arm", "exchange", "rest", "close")
-NEEDED = {MISSED_EDGES: "missed", TRUTH: "truth", SESSIONS: "session"}  # what an offer needs
+NEEDED = {MISSED_EDGES: "missed", TRUTH: "truth", SPECIMEN: "specimen", SESSIONS: "session"}  # what an offer needs
+OF_SPECIMEN, LAWS = ("masses_kg", "stiffness_n_per_m", "damping_n_s_per_m"), "laws"
 DRIVERS = ("hardware", "loopback", "fake")  # what may be behind a driver
 
 
@@ -112,6 +117,35 @@ class PluginRig:
             wanted = f"{len(self.info.channels)} velocities, of table and floors"
             raise self._fault("truth", f"must return {wanted}, got {velocity.size}")
         return velocity, place
+
+    def specimen(self) -> tuple[Specimen, StoreyLaws]:
+        """Return the specimen as it is and the laws of its storeys; raises RigError."""
+        told = self._call("specimen", cast("SpecimenRig", self._rig).specimen)
+        unknown = sorted(set(told) - {*OF_SPECIMEN, LAWS}) if isinstance(told, Mapping) else ["no mapping"]
+        if unknown or not all(key in told for key in OF_SPECIMEN):
+            wanted = f"a mapping of {', '.join(OF_SPECIMEN)} and, where there are any, {LAWS}"
+            raise self._fault("specimen", f"must return {wanted}")
+        floors = len(self.info.channels) - 1
+        shapes = ((floors,), (floors, floors), (floors, floors))
+        masses, stiffness, damping = (
+            self._array(told[key], key, shape) for key, shape in zip(OF_SPECIMEN, shapes, strict=True)
+        )
+        if not (masses > 0.0).all():
+            raise self._fault("specimen", f"must return masses_kg > 0, got {masses.tolist()}")
+        try:
+            laws = checked_laws(told.get(LAWS) or ())
+        except InputError as error:
+            raise self._fault("specimen", f"returned {LAWS}.{error.faults[0]}") from error
+        return Specimen(masses, stiffness, damping), laws
+
+    def _array(self, value: Any, key: str, shape: tuple[int, ...]) -> Array:
+        try:
+            given = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            given = np.empty(0)
+        if given.shape != shape or not np.isfinite(given).all():
+            raise self._fault("specimen", f"must return finite {key} of shape {shape}, got shape {given.shape}")
+        return given
 
     def _call(self, what: str, method: Callable[..., Any], *values: Commands | str) -> Any:
         try:

@@ -44,6 +44,17 @@ def test_a_late_exchange_of_a_rig_with_its_own_clock_shows(monkeypatch: pytest.M
     assert late.tolist() == [*[0] * 20, 9 * MS, 7 * MS, 5 * MS, 3 * MS, MS, *[0] * 15]
 
 
+def test_a_rig_that_waits_for_no_sample_instant_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pace a quarter faster is that of another clock and shows as it is; one of none has no rate to be held."""
+    rig = Paced(0.002, {})
+    monkeypatch.setattr(time, "monotonic_ns", lambda: 3 * rig.now // 4)
+    assert paced_delays(rig, 40)[0] == 39 * MS // 2  # type: ignore[arg-type]
+    rig.k = rig.now = 0
+    monkeypatch.setattr(time, "monotonic_ns", lambda: rig.now // 100)
+    with pytest.raises(RigError, match=r"39 exchanges took 0.00078 s, not the 0.078 s .* by COUNTED_CLOCK"):
+        paced_delays(rig, 40)  # type: ignore[arg-type]
+
+
 def test_the_exchange_over_udp_is_measured_and_the_table_stays_at_rest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -70,3 +70,18 @@ def test_a_reversed_channel_and_one_without_uncertainty_change_nothing():
         with_scale(exact, observations([record([1.01] * 3, np.ones(2))], RIG, MASSES, 0.5, 3.2)).gain, np.ones(3)
     )
     assert observations([replace(record([1.0] * 3, np.ones(2)), further=None)], RIG, MASSES, 0.5, 3.2) == ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_short_record_of_noise_shows_the_same_scale(seed):
+    """40 s at 100 Hz: a motion of 2,000 sines from 0.3 Hz up, nearly all of its displacement at the lowest ones."""
+    random = np.random.default_rng(seed)
+    hz, phase = random.uniform(0.3, 8.0, 2000), random.uniform(0.0, 2.0 * np.pi, 2000)
+    time, w = np.arange(4000) * DT, 2.0 * np.pi * hz
+    waves = np.sin(np.outer(time, w) + phase)
+    accel, moved = 0.05 * waves.sum(axis=1), -waves @ (0.05 / w**2)
+    further = np.vstack([moved, np.zeros((2, 4000))])
+    short = Record(np.zeros(4000), 1.012 * np.tile(accel, (3, 1)), Parts(slice(0, 4000)), further)
+    seen = observations([short], replace(RIG, further=(SENSOR,)), MASSES, 0.5, 3.2)[0]
+    assert seen.value == pytest.approx(-np.log(1.012), abs=5e-4)
+    assert seen.error == pytest.approx(SENSOR.uncertainty, rel=0.05)

@@ -65,6 +65,17 @@ def test_a_perfect_load_cell_gives_equation_2_6(interface_mass: float) -> None:
     assert np.abs(by_cell - by_accelerations).max() <= 1e-9 * peak
 
 
+@pytest.mark.parametrize("interface_mass", [0.0, 1.2])
+def test_the_base_shear_of_a_run_by_a_perfect_cell_is_equation_2_6(interface_mass: float) -> None:
+    """The cell alone (weight 1), in closed loop, against masses times the accelerations of the same run."""
+    info = with_channels(ideal_info(low_pass_hz=0.0), (replace(cell(), range=1e6),))
+    blocks = paper_with_cell(info, interface_mass, 1.0)
+    log = play(rig_of(info, 0.0, interface_mass), info, blocks, NUMERICAL, ground(1500), open_limits(info)).log
+    wanted = -(interface_mass * log.corrected[0] + specimen().masses_kg @ log.corrected[1:])
+    assert np.abs(wanted).max() > 1.0
+    assert np.abs(log.base_shear_n - wanted).max() <= 1e-9 * np.abs(wanted).max()
+
+
 @pytest.mark.parametrize("make", [best_with_cell, paper_with_cell])
 @pytest.mark.parametrize("interface_mass", [0.0, 1.2])
 def test_the_compiled_step_takes_the_load_cell_as_the_reference_does(

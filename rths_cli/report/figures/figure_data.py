@@ -82,7 +82,7 @@ class Source:
 
     @property
     def has_truth(self) -> bool:
-        """Return whether the file holds the true series, which only a virtual rig knows."""
+        """Return whether the file holds the true series, which only a simulated rig knows."""
         return self.virtual and self.result.series == "all"
 
     @property

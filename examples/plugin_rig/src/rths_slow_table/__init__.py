@@ -12,7 +12,7 @@ import numpy as np
 
 from rths_cli.errors import InputError, RigError
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.interface import Rig, RigInfo
+from rths_cli.rigs.interface import COUNTED_CLOCK, Rig, RigInfo
 
 
 def make(info: RigInfo, options: Mapping[str, object]) -> Rig:
@@ -36,6 +36,8 @@ class SlowTable:
 
     A command is held from the sample after the one it was computed from: latency_samples is 1.
     """
+
+    offers = (COUNTED_CLOCK,)  # HERE: leave it out, the exchange of your hardware waits for its sample instant
 
     def __init__(self, info: RigInfo, lag_s: float) -> None:
         self.info = replace(info, driver_verified="fake")  # a rig that drives hardware leaves info as it is

@@ -169,11 +169,15 @@ def _on_true_error(setup: Setup, judged: Judged) -> str:
         return told
     channels = setup.rig.channels
     if remedy.parameter < len(channels):
-        what = f"a comparison of the sensor of {channels[remedy.parameter].name} to {100.0 * remedy.error:.2g} %"
+        name = channels[remedy.parameter].name
+        what, option = f"a comparison of the sensor of {name}", f"--sensitivity {name}=VALUE"
     else:
-        floor = channels[1 + remedy.parameter - 3 * len(channels)].name
-        what = f"weighing {floor} to {100.0 * remedy.error:.2g} %"
-    return f"{told}; {what} would lower the bound to {share * remedy.bound[worst]:.2g} %"
+        name = channels[1 + remedy.parameter - 3 * len(channels)].name
+        what, option = f"weighing {name}", f"--mass {name}=KG"
+    return (
+        f"{told}; {what} to {100.0 * remedy.error:.2g} % would lower the bound to "
+        f"{share * remedy.bound[worst]:.2g} %: rths calibrate {shown(setup.case.path)} {option} takes it"
+    )
 
 
 def check_cases(

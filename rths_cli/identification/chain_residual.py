@@ -28,6 +28,7 @@ from rths_cli.identification.channel_signals import channel_noise
 from rths_cli.identification.least_squares import covariance, linear, parts
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.specimen_fit import modal
+from rths_cli.numerics.hysteresis import slid
 from rths_cli.numerics.lti import Array, ComplexArray, integral_share
 from rths_cli.rigs.description import RigInfo
 
@@ -38,6 +39,7 @@ ENDS = 4  # number of powers of 1 / s that represent the ends of a stretch
 ROUNDS = 5  # iterations of the weights, each with the stiffness found before
 BELOW, BEYOND = 0.1, 3.0  # assumed frequency of a storey too soft or too stiff to be seen, over the band's ends
 RATIOS = (1e-3, 0.5)  # smallest and largest damping ratio from which a finer fit may start
+STICKS = (0.01, 0.03, 0.06, 0.1, 0.2, 0.4)  # rms drifts over which joints stick before they slide
 RIGID = 30.0  # frequency of a rigid storey over the highest line
 
 
@@ -52,6 +54,7 @@ class Grouped:
     further: ComplexArray  # (p, g) terms of the records' ends, and of the staircase's alias in the table's acceleration
     noise: Array  # (c, g) variance of the channels' noise
     masses_kg: Array  # (c - 1,) floors
+    joints: ComplexArray  # (c - 1, k, g) forces of joints in each storey that stick and slide at 1 N; k may be 0
 
     def permuted(self, order: Sequence[int]) -> Grouped:
         """Return the same groups with the channels in another order."""
@@ -86,13 +89,15 @@ class Explained:
 
 
 def grouped(
-    records: Sequence[Record], info: RigInfo, masses_kg: Array, band_hz: tuple[float, float], raw: bool = False
-) -> Grouped:
+    records: Sequence[Record], info: RigInfo, masses_kg: Array, band_hz: tuple[float, float], raw: bool = False,
+    joints: bool = False,
+) -> Grouped:  # fmt: skip
     """Return the grouped lines of the excited parts of records in a band; masses (c - 1,) in kg.
 
     `raw`: each line forms its own group and is not correlated with the command, so that noise is not averaged out.
+    `joints`: a storey may have friction as well.
     """
-    parts = [_of_record(record, info, np.asarray(masses_kg, dtype=float), band_hz, raw) for record in records]
+    parts = [_of_record(record, info, np.asarray(masses_kg, dtype=float), band_hz, raw, joints) for record in records]
     apart = [[part.further * float(row is part) for part in parts] for row in parts]
     return Grouped(
         np.concatenate([part.omega for part in parts]),
@@ -102,10 +107,13 @@ def grouped(
         np.block(apart),
         np.hstack([part.noise for part in parts]),
         parts[0].masses_kg,
+        np.concatenate([part.joints for part in parts], axis=-1),
     )
 
 
-def _of_record(record: Record, info: RigInfo, masses_kg: Array, band_hz: tuple[float, float], raw: bool) -> Grouped:
+def _of_record(
+    record: Record, info: RigInfo, masses_kg: Array, band_hz: tuple[float, float], raw: bool, joints: bool
+) -> Grouped:
     """Return the groups of lines of one record."""
     noise = record.parts.noise
     n = noise.stop - noise.start
@@ -129,6 +137,7 @@ def _of_record(record: Record, info: RigInfo, masses_kg: Array, band_hz: tuple[f
         return np.asarray(_summed(np.conj(given) * rows, starts)[:, excited] / size)
 
     together = added(lines)
+    rubbed = _joints(lines / s**2, inside, n) if joints else np.zeros((len(lines) - 1, 0, len(s)), dtype=complex)
     return Grouped(
         np.sqrt(_summed(np.abs(s) ** 2, starts) / counts)[excited],
         together,
@@ -137,7 +146,20 @@ def _of_record(record: Record, info: RigInfo, masses_kg: Array, band_hz: tuple[f
         added(np.array([*(s**-power for power in range(ENDS)), alias / s, alias / s**2])),
         n * channel_noise(record, info)[:, None] ** 2 + (UNLINEARITY * np.abs(together)) ** 2,
         masses_kg,
+        np.array([added(forces) for forces in rubbed]),
     )
+
+
+def _joints(displacements: ComplexArray, inside: np.ndarray, count: int) -> ComplexArray:
+    """Return the lines (n, k, m) of the forces of joints in each storey, from the lines (c, m) of displacements.
+
+    `inside` (count // 2 + 1,) tells which lines of a series of `count` samples they are.
+    """
+    drifts = np.zeros((len(displacements) - 1, len(inside)), dtype=complex)
+    drifts[:, inside] = np.diff(displacements, axis=0)
+    series = np.fft.irfft(drifts, count)
+    forces = [[slid(drift, share * float(drift.std())) for share in STICKS] for drift in series]
+    return np.asarray(np.fft.rfft(forces)[..., inside])
 
 
 def _summed(values: Any, starts: Sequence[int]) -> Any:
@@ -170,7 +192,7 @@ def explained(chain: Grouped, errors: bool = True) -> Explained:
     Without `errors` the standard errors are left out, not a number.
     """
     found = [_storey(chain, i, errors) for i in range(1, len(chain.masses_kg) + 1)]
-    count = 2.0 * len(chain.omega) - len(chain.accel) - len(chain.further)
+    count = 2.0 * len(chain.omega) - len(chain.accel) - len(chain.further) - chain.joints.shape[1]
     return Explained(
         np.array([storey.chi_square for storey in found]),
         np.full(len(found), count),
@@ -211,7 +233,7 @@ def _storey(chain: Grouped, i: int, errors: bool) -> _Storey:
     inertia = chain.masses_kg[i - 1 :] @ chain.accel[i:]
     drift = chain.displacement[i] - chain.displacement[i - 1]
     damping = np.diff(chain.velocity, axis=0)
-    columns = np.array([drift, *damping, *chain.further])
+    columns = np.array([drift, *damping, *chain.further, *chain.joints[i - 1]])
     n, stiffness = len(damping), 0.0
     found = _solved(chain, i, inertia, columns, stiffness)
     for _ in range(ROUNDS):

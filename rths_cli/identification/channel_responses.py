@@ -61,7 +61,7 @@ def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
     if found.suspects:
         return _named(found.suspects, data.info, against)
     faults = _incoherent(data, frfs) or _does_not_follow(frfs[0], data.info, compared)
-    return Judgement(tuple(faults)) if faults else _unexplained(found)
+    return Judgement(tuple(faults)) if faults else _rubbing(data, found) or _unexplained(found)
 
 
 def far_gain(
@@ -203,6 +203,23 @@ def _yielding(data: Evidence, found: Diagnosis) -> Judgement | None:
         (
             "specimen: at low level a chain of storeys explains the channels, at full level it does not: its stiffness "
             "or damping depends on its motion; identify at the level of the test",
+        ),
+    )
+
+
+def _rubbing(data: Evidence, found: Diagnosis) -> Judgement | None:
+    """Return a warning if the channels fit a chain whose storeys rub: then they are right and the specimen is not
+    linear at any level."""
+    if found.misfit <= SAID:
+        return None
+    lines = grouped(data.records, data.info, data.masses_kg, data.settings.band_hz, joints=True)
+    if float(explained(lines, errors=False).misfit.max()) > CALM * found.misfit:
+        return None
+    return Judgement(
+        (),
+        (
+            "specimen: a chain of storeys explains the channels if joints stick and slide in it; the model is that of "
+            "the level of the identification: identify at the level of the test, or tighten the joints",
         ),
     )
 

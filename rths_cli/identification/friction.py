@@ -5,6 +5,12 @@ Dry friction F_c sign(v) acts on the table inside the loop that the command driv
 tanh(v / v_s). The identified model already contains the part of friction that is linear in the velocity (statistical
 linearisation: c v with c = sqrt(2 / pi) / sigma_v, Roberts and Spanos, Random Vibration and Statistical Linearization,
 section 5.3). The residual of the model is therefore -G kappa (sign(v) - c v).
+
+Friction that holds like a spring before it slides (presliding: Dahl, LuGre) follows the displacement after a reversal
+and not the sign of the velocity, of which a fit finds a small part only. The friction in slip is therefore fitted a
+second time without a law: as a sum of sign(v) and of joints that stick over several displacements before they slide
+(Maxwell slip; F. Al-Bender, V. Lampaert, J. Swevers, IEEE Trans. Automatic Control 50, 2005, 1883), which together
+make any hysteresis that does not depend on the rate. In slip all of them push: it is the sum of their factors.
 """
 
 from __future__ import annotations
@@ -18,6 +24,7 @@ from rths_cli.identification.record_parts import Record, padded
 from rths_cli.identification.results import Friction
 from rths_cli.identification.table_fit import Timing, within
 from rths_cli.numerics.bands import USUAL, ComparedBand
+from rths_cli.numerics.hysteresis import slid
 from rths_cli.numerics.lti import Array, ComplexArray, Model
 from rths_cli.rigs.description import RigInfo
 
@@ -32,7 +39,9 @@ LEAST_STRETCHES, GROUPS = 8, 12  # least number of stretches; groups of lines fo
 PASSES, SMOOTHED = 2, 5  # iterations of the weights by the residual's spectrum; lines over which it is averaged
 LEAST_POWER = 1e-30  # least power of a line of that spectrum
 SHAPE = 0.005  # relative uncertainty of kappa due to the assumed shape of sign(v)
-LINEAR = 4  # index of the first row that is linear in the velocity
+STICKS = (0.01, 0.03, 0.1)  # displacements over which joints stick, over the rms displacement
+SLIPPED = 0.1  # relative uncertainty of what the joints push in slip: a sum of three is not the law
+SIGN = 3  # rows of sign(v): itself, its derivative and its slope by v_s
 
 
 @dataclass(frozen=True)
@@ -67,8 +76,11 @@ def estimate(records: Sequence[Record], model: Model, info: RigInfo, compared: C
     tried = []
     for scale in (share * rms for share in SCALES):
         acting = _stretch_lines(spectra, [_acting_rows(x, scale) for x in spectra], band_hz)[fast].swapaxes(0, 1)
-        tried.append(_fitted(np.stack([residual, *acting, *linear], axis=1), rms, scale))
-    return max(tried, key=lambda friction: friction.explained)
+        tried.append((_fitted(np.stack([residual, *acting, *linear[:2]], axis=1), rms, scale), acting))
+    best, acting = max(tried, key=lambda each: each[0].explained)
+    joints = _stretch_lines(spectra, [_joint_rows(x) for x in spectra], band_hz)[fast].swapaxes(0, 1)
+    sliding, error = _sliding(np.stack([residual, *acting, *joints, *linear], axis=1))
+    return replace(best, sliding_v=sliding, sliding_error_v=error)
 
 
 def tried_on(
@@ -138,8 +150,23 @@ def _stretch_lines(
 
 
 def _fixed_rows(x: _Spectra) -> ComplexArray:
-    """Return the lines (3, m) that do not depend on v_s: the residual, and two terms linear in the velocity."""
-    return np.array([x.residual, -x.through * x.velocity, -x.through * x.s * x.velocity])
+    """Return the lines (4, m) that do not depend on v_s: the residual, and the response to velocity, acceleration and
+    displacement."""
+    return np.array([x.residual, -x.through * x.velocity, -x.through * x.s * x.velocity, -x.through * _displacement(x)])
+
+
+def _displacement(x: _Spectra) -> ComplexArray:
+    return np.asarray(np.divide(x.velocity, x.s, out=np.zeros_like(x.velocity), where=x.s != 0.0))
+
+
+def _joint_rows(x: _Spectra) -> ComplexArray:
+    """Return the lines (joints, m) of the response to joints of 1 V that stick before they slide."""
+    fine = len(x.velocity_m_s)
+    displacement = np.fft.irfft(_displacement(x), fine) * fine
+    part = slice(*(round(time_s / x.duration_s * fine) for time_s in x.part_s))
+    rms_m = float(displacement[part].std())
+    pushes = [np.fft.rfft(slid(displacement, share * rms_m))[: len(x.s)] / fine for share in STICKS]
+    return -x.through * np.array(pushes)
 
 
 def _acting_rows(x: _Spectra, scale_m_s: float) -> ComplexArray:
@@ -162,25 +189,43 @@ def _cut(lines: ComplexArray, x: _Spectra) -> Array:
 
 def _fitted(lines: ComplexArray, rms_m_s: float, scale_m_s: float) -> Friction:
     """Return friction from the lines (stretches, 6, m) of the rows, weighted by the spectrum of the residual."""
-    weight = np.ones(lines.shape[-1])
-    for _ in range(PASSES):
-        kappa, error, before, left = _solve(lines * weight)
-        before, left = before / weight**2, left / weight**2
-        weight = 1.0 / np.sqrt(np.convolve(left, np.ones(SMOOTHED) / SMOOTHED, mode="same") + LEAST_POWER)
+    factors, spread, before, left = _weighted(lines, SIGN)
+    kappa, error = float(factors[0]), float(np.sqrt(spread[0, 0]))
     explained = 1.0 - float(left.sum() / max(before.sum(), LEAST_POWER))
     return Friction(kappa, float(np.hypot(error, SHAPE * kappa)), rms_m_s, explained, scale_m_s)
 
 
-def _solve(lines: ComplexArray) -> tuple[float, float, Array, Array]:
-    """Return kappa in V, its standard uncertainty, and the power of each line (m,) without and with friction.
+def _sliding(lines: ComplexArray) -> tuple[float, float]:
+    """Return friction in slip in V and its standard uncertainty from the lines (stretches, 10, m) of the rows."""
+    factors, spread, *_ = _weighted(lines, SIGN + len(STICKS))
+    pushing = np.ones(len(factors))
+    pushing[1:SIGN] = 0.0
+    total, joints, longest = float(pushing @ factors), float(factors[SIGN:].sum()), float(factors[-1])
+    shape = np.array([SHAPE * total, SLIPPED * joints, longest])  # what sticks longer than all joints is not seen
+    return total, float(np.sqrt(pushing @ spread @ pushing + shape @ shape))
 
-    In each stretch the terms linear in the velocity are projected out of the other rows. kappa, the actuator's lag and
-    v_s are common to all stretches. The uncertainty follows from the scatter between stretches or between groups of
-    lines, whichever is larger. The residual may be correlated within one (Liang and Zeger, Biometrika 73, 1986).
+
+def _weighted(lines: ComplexArray, acting: int) -> tuple[Array, Array, Array, Array]:
+    """Return what `_solve` returns, weighted by the spectrum of the residual; powers are those without weights."""
+    weight = np.ones(lines.shape[-1])
+    for _ in range(PASSES):
+        factors, spread, before, left = _solve(lines * weight, acting)
+        before, left = before / weight**2, left / weight**2
+        weight = 1.0 / np.sqrt(np.convolve(left, np.ones(SMOOTHED) / SMOOTHED, mode="same") + LEAST_POWER)
+    return factors, spread, before, left
+
+
+def _solve(lines: ComplexArray, acting: int) -> tuple[Array, Array, Array, Array]:
+    """Return the factors of the `acting` rows behind the residual, their covariance, and the power of each line (m,)
+    without and with them.
+
+    In each stretch the linear rows, which stand last, are projected out of the others. The factors are common to all
+    stretches. Of the scatter between stretches and that between groups of lines the larger one of the first factor
+    makes the covariance. The residual may be correlated within one (Liang and Zeger, Biometrika 73, 1986).
     """
-    both = np.concatenate([lines.real, lines.imag], axis=-1)
-    basis = np.linalg.qr(both[:, LINEAR:].swapaxes(1, 2))[0]
-    free = both[:, :LINEAR] - (both[:, :LINEAR] @ basis) @ basis.swapaxes(1, 2)
+    both, first = np.concatenate([lines.real, lines.imag], axis=-1), 1 + acting
+    basis = np.linalg.qr(both[:, first:].swapaxes(1, 2))[0]
+    free = both[:, :first] - (both[:, :first] @ basis) @ basis.swapaxes(1, 2)
     residual, given = free[:, 0], free[:, 1:]
     inverse = np.linalg.inv(np.einsum("kin,kjn->ij", given, given))
     found = inverse @ np.einsum("kin,kn->i", given, residual)
@@ -188,14 +233,14 @@ def _solve(lines: ComplexArray) -> tuple[float, float, Array, Array]:
     scores = given * left[:, None]
     by_line = scores.sum(axis=0).reshape(len(found), 2, -1).sum(axis=1)
     groups = [group.sum(axis=1) for group in np.array_split(by_line, GROUPS, axis=1)]
-    variance = max(_variance(inverse, scores.sum(axis=2)), _variance(inverse, np.array(groups)))
-    return float(found[0]), float(np.sqrt(variance)), _power(residual), _power(left)
+    spreads = [_covariance(inverse, each) for each in (scores.sum(axis=2), np.array(groups))]
+    return found, max(spreads, key=lambda each: float(each[0, 0])), _power(residual), _power(left)
 
 
-def _variance(inverse: Array, scores: Array) -> float:
-    """Return the variance of the first parameter from the scores (clusters, parameters) of independent clusters."""
+def _covariance(inverse: Array, scores: Array) -> Array:
+    """Return the covariance of the parameters from the scores (clusters, parameters) of independent clusters."""
     clusters, parameters = scores.shape
-    return float((inverse @ scores.T @ scores @ inverse)[0, 0]) * clusters / (clusters - parameters)
+    return np.asarray(inverse @ scores.T @ scores @ inverse) * clusters / (clusters - parameters)
 
 
 def _power(both: Array) -> Array:

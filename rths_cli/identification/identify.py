@@ -40,7 +40,7 @@ from rths_cli.identification.results import (
     SpecimenFit,
     Verdict,
 )
-from rths_cli.identification.root_uncertainty import shifts
+from rths_cli.identification.root_uncertainty import of_specimen, of_structure, shifts, together
 from rths_cli.identification.sensor_calibration import calibrate, calibrated, priors_of
 from rths_cli.identification.session_record import low_level_lines
 from rths_cli.identification.specimen_fit import Start
@@ -91,8 +91,8 @@ def identify(
     """
     settings = settings or IdentificationSettings()
     data = evidence(records, quiet, info, floor_masses_kg, settings)
-    declared = _identified(data, given)
-    calibration = _calibration(data, declared) if info.calibrates and len(data.masses_kg) else None
+    declared, table = _identified(data, given)
+    calibration = _calibration(data, declared, table) if info.calibrates and len(data.masses_kg) else None
     if calibration is None:
         return declared
     channels = calibrated(info.channels, calibration)
@@ -100,7 +100,7 @@ def identify(
     low = _recorrected(quiet, info.channels, channels, info.dt_s) if quiet else None
     there = replace(info, channels=channels)
     data = evidence(corrected, low, there, data.masses_kg * calibration.mass, settings)
-    return replace(_identified(data, given), calibration=calibration)
+    return replace(_identified(data, given)[0], calibration=calibration)
 
 
 def _recorrected(record: Record, before: tuple[Channel, ...], after: tuple[Channel, ...], dt_s: float) -> Record:
@@ -109,11 +109,12 @@ def _recorrected(record: Record, before: tuple[Channel, ...], after: tuple[Chann
     return Record(record.command_v, accel, record.parts, record.further)
 
 
-def _calibration(data: Evidence, declared: Identification) -> Calibration:
+def _calibration(data: Evidence, declared: Identification, table: _Table) -> Calibration:
     """Return the sensors and masses that the records show, from an identification with those that are declared."""
     assert declared.specimen is not None
     start = Start(declared.specimen.stiffness_n_per_m, declared.specimen.damping_ratio)
-    priors = priors_of(data.info, data.settings.sensors_removed, declared.best)
+    error = float("inf") if table.given else _ripple_error(data, table, declared.friction)
+    priors = priors_of(data.info, data.settings.sensors_removed, declared.best, error)
     seen, low_hz = identify_specimen.motions(data, declared.best, free=False), identify_specimen.lowest_hz(data, start)
     found = calibrate(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
     first_hz = float(declared.specimen.natural_frequency_hz[0])
@@ -128,8 +129,16 @@ def _without_staircase(record: Record, model: Model) -> Record:
     return Record(record.command_v, np.vstack([table, record.accel_m_s2[1:]]), record.parts, record.further)
 
 
-def _identified(data: Evidence, given: Model | None) -> Identification:
-    """Return the identification of table and specimen with sensors and masses as they are given."""
+def _ripple_error(data: Evidence, table: _Table, dry: Friction | None) -> float:
+    """Return the standard uncertainty of the fitted ripple in m/s^2 per V."""
+    chosen, other = table.fit.chosen, table.fit.other
+    moved = shifts(chosen, table.fit.frf, table.levels, data.level_ratio, dry)[-1]
+    by_structure = 0.0 if other is None else float(other.parameters[-1] - chosen.parameters[-1])
+    return float(np.sqrt(chosen.covariance[-1, -1] + moved**2 + by_structure**2))
+
+
+def _identified(data: Evidence, given: Model | None) -> tuple[Identification, _Table]:
+    """Return the identification of table and specimen with sensors and masses as they are given, and its table."""
     info, settings = data.info, data.settings
     frfs, reports, warnings = _responses(data)
     data = data.up_to(coherent_up_to(frfs[0], data.settings.band_hz[1], data.settings.compared))
@@ -142,7 +151,8 @@ def _identified(data: Evidence, given: Model | None) -> Identification:
     fit = fit_table(data, frfs[0], start)
     specimen = _specimen(data, fit.chosen.model, start)
     specimen = replace(specimen, channel_warnings=(*warnings, *specimen.channel_warnings))
-    return _identification(data, frfs, reports, _table(data, fit, given), specimen)
+    table = _table(data, fit, given)
+    return _identification(data, frfs, reports, table, specimen), table
 
 
 def _responses(data: Evidence) -> tuple[tuple[Frf, ...], tuple[ChannelReport, ...], tuple[str, ...]]:
@@ -195,6 +205,8 @@ def _identification(
     if dry is not None and data.quiet is not None and table.comparable:
         lag_s = force_lag_s(best, specimen.excited.specimen) if specimen.excited else 0.0
         dry = friction.tried_on(dry, data.quiet, table.fit.chosen.model, lag_s, data.info, compared)
+    of_level = identify_specimen.of_level(data, table.fit.chosen.model, specimen.excited)
+    excited, free = (identify_specimen.with_level(each, *of_level) for each in (specimen.excited, specimen.free))
     return Identification(
         frfs=(clean, *frfs[1:]),
         noise_floors=tuple(noise_floor(data.records, frf, c, data.info.dt_s) for c, frf in enumerate(frfs)),
@@ -202,11 +214,11 @@ def _identification(
         paper=table.paper,
         best_error=fit_error(best, clean, compared),
         paper_error=fit_error(table.paper, clean, compared),
-        specimen=specimen.excited,
-        free_vibration=specimen.free,
+        specimen=excited,
+        free_vibration=free,
         channels=reports,
         candidates=() if table.given else table.fit.candidates,
-        roots=_roots(data, table, specimen.excited),
+        roots=_roots(data, table, excited, of_level, dry),
         residuals=verdict.residuals(best, clean, compared),
         levels=table.levels if table.comparable else (),
         verdict=_verdict(data, table, specimen, dry, _warnings(data, reports, table, specimen)),
@@ -233,12 +245,23 @@ def _lines_of_low_level(data: Evidence, specimen: SpecimenFit | None) -> LowLeve
     return low_level_lines(data.quiet, data.info, data.settings.excited_hz, specimen.natural_frequency_hz[-1])
 
 
-def _roots(data: Evidence, table: _Table, specimen: SpecimenFit | None) -> tuple[Root, ...]:
-    """Return the model's roots; a model that was fitted here has uncertainties, a supplied one has none."""
+def _roots(
+    data: Evidence, table: _Table, specimen: SpecimenFit | None, of_level: tuple[Array, Array], dry: Friction | None
+) -> tuple[Root, ...]:
+    """Return the model's roots; a model that was fitted here has uncertainties, a supplied one has none.
+
+    `of_level`: relative uncertainties (n,) of the specimen's frequencies and damping ratios by their level.
+    """
     if table.given:
         return verdict.roots_given(table.best)
     chosen = table.fit.chosen
-    return verdict.roots_of(chosen, specimen, shifts(chosen, table.fit.frf, table.levels, data.level_ratio))
+    systematic = together(
+        chosen,
+        shifts(chosen, table.fit.frf, table.levels, data.level_ratio, dry),
+        of_structure(chosen, table.fit.other),
+        of_specimen(chosen, *of_level),
+    )
+    return verdict.roots_of(chosen, specimen, systematic)
 
 
 def _warnings(data: Evidence, reports: tuple[ChannelReport, ...], table: _Table, specimen: _Specimen) -> list[str]:

@@ -34,6 +34,7 @@ PHASE = 3e-4  # rad; smaller phase errors between channels may be residuals of t
 BELOW_FIRST = 0.5  # the specimen's lines begin at this fraction of the first natural frequency or lower
 MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # skew between floors and table in samples: rejected, reported
 ENOUGH = 120_000  # samples of a first look
+MOST_UNEXPLAINED = 0.5  # part of the floors' motion in a record at low level that a chain may leave
 
 
 def without_staircase(table_accel: Array, command_v: Array, model: Model) -> Array:
@@ -139,6 +140,54 @@ def freely_vibrating(
         return None, (said,) if held else ()
     first = Start(known.stiffness_n_per_m, known.damping_ratio)
     return fit_stretches(lasting, dt_s, data.masses_kg, low_hz, first, free=True), ()
+
+
+WHOLE_CHANGE = 1.5  # change of a law from rest to full level over that from a fifth of it to full level
+STUCK = 2.0  # factor on what friction that slides at both levels leaves at full level; it may stick at the low one
+
+
+def of_level(data: Evidence, model: Model, known: SpecimenFit | None) -> tuple[Array, Array]:
+    """Return the relative uncertainty (n,) of frequencies and of damping ratios by their dependence on the level.
+
+    It is 1.5 times the change between the records at low and at full level, beyond what the fits scatter. A stiffness
+    that changes as A / (A + h) with the amplitude A changes from rest to full level 1.25 (A much less than h) to 2
+    (A = 3 h) times as much as from a fifth of that level. Damping that falls as the level grows is dry friction, which
+    leaves 1 / (r - 1) of the change at full level for levels of ratio r. Zeros without a record at low level, or where
+    it is too short or no chain explains half of its motion.
+    """
+    modes = 0 if known is None else len(known.damping_ratio)
+    nothing = np.zeros(modes), np.zeros(modes)
+    if data.quiet is None or known is None:
+        return nothing
+    start = Start(known.stiffness_n_per_m, known.damping_ratio)
+    seen, low_hz = _motion(data.quiet, model, free=False), lowest_hz(data, start)
+    if seen is None or len(seen.table) < least_samples(known.natural_frequency_hz, data.info.dt_s, low_hz):
+        return nothing
+    low = fit_specimen([seen], data.info.dt_s, data.masses_kg, low_hz, start)
+    if low.residual > MOST_UNEXPLAINED:
+        return nothing
+    hz, damping = (_beyond_scatter(known, low, *names) for names in (
+        ("natural_frequency_hz", "frequency_error_hz"), ("damping_ratio", "damping_error")))  # fmt: skip
+    rubbed = min(STUCK / max(data.level_ratio - 1.0, 1.0), WHOLE_CHANGE)
+    return WHOLE_CHANGE * np.abs(hz), np.where(damping > 0.0, rubbed * damping, -WHOLE_CHANGE * damping)
+
+
+def _beyond_scatter(full: SpecimenFit, low: SpecimenFit, value: str, error: str) -> Array:
+    """Return the logarithm (n,) of a value at low level over that at full level, less what the fits scatter."""
+    here, there = getattr(full, value), getattr(low, value)
+    change, scatter = np.log(there / here), np.hypot(getattr(full, error) / here, getattr(low, error) / there)
+    return np.asarray(np.sign(change) * np.sqrt(np.maximum(change**2 - scatter**2, 0.0)))
+
+
+def with_level(known: SpecimenFit | None, frequency: Array, damping: Array) -> SpecimenFit | None:
+    """Return a fit whose frequencies and damping ratios have these relative uncertainties (n,) beside their own."""
+    if known is None:
+        return None
+    return replace(
+        known,
+        frequency_error_hz=np.hypot(known.frequency_error_hz, frequency * known.natural_frequency_hz),
+        damping_error=np.hypot(known.damping_error, damping * known.damping_ratio),
+    )
 
 
 def _living(record: Record, data: Evidence, model: Model) -> Motion:

@@ -39,19 +39,20 @@ class TableFit:
     candidates: tuple[Candidate, ...]  # all structures that were tried
     paper: Model  # the paper's model
     frf: Frf  # the response without leakage, to which they were fitted
+    other: Fit | None = None  # a structure that fits clearly better and was not chosen; None: there is none
 
 
 def fit_table(data: Evidence, frf: Frf, start: Start) -> TableFit:
     """Fit the table's models to its response; `start` is a first estimate of the specimen on the table."""
     first, clean = _first(data, frf, start)
     settings = data.settings
-    chosen, candidates = choose(
+    chosen, candidates, other = choose(
         first, clean, data.records, settings.estimator, settings.latency_in_roots, settings.compared
     )
     if (chosen.layout, chosen.held_zeros) != (first.layout, first.held_zeros):
         chosen, clean = _refined(data, frf, chosen)
     paper = fit_paper(clean, first, _inside(settings.paper_band_hz, settings.band_hz), settings.compared).model
-    return TableFit(first, chosen, candidates, paper, clean)
+    return TableFit(first, chosen, candidates, paper, clean, other)
 
 
 def _first(data: Evidence, frf: Frf, start: Start) -> tuple[Fit, Frf]:

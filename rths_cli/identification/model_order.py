@@ -53,18 +53,19 @@ def choose(
     estimator: Estimator,
     latency_in_roots: bool,
     compared: ComparedBand = USUAL,
-) -> tuple[Fit, tuple[Candidate, ...]]:
+) -> tuple[Fit, tuple[Candidate, ...], Fit | None]:
     """Choose the structure of the table model by cross-validation.
 
     Larger structures are tried as long as the held-out error of the chosen one is above the scatter of the data. One
     is taken only if it lowers that error to 0.9 of its value and if the data determine all its roots. Records too short
-    to be halved keep the first structure. Returns the chosen fit, and all candidates, the smallest first.
+    to be halved keep the first structure. Returns the chosen fit, all candidates, the smallest first, and the fit of
+    the candidate with the least held-out error if that is clearly less than the chosen one's.
     """
     halves = _halves(base, records, estimator)
     if latency_in_roots or not halves:
         trial = _with_latency(base, compared) if latency_in_roots else _as_it_is(base)
         score = held_out_error(trial, base, halves) if halves else float("nan")
-        return _fitted(trial, base, frf), (_described(trial, score, chosen=True),)
+        return _fitted(trial, base, frf), (_described(trial, score, chosen=True),), None
     tried = [(trial, held_out_error(trial, base, halves)) for trial in (_without_lag(base), _as_it_is(base))]
     fits = [_fitted(trial, base, frf) for trial, _ in tried]
     taken = 1 if _has_lag(fits, [score for _, score in tried]) else 0
@@ -76,7 +77,9 @@ def choose(
         better = _fitted(trial, base, frf) if tried[-1][1] < WORTH * tried[taken][1] else None
         if better is not None and not doubtful(better):
             taken, found = len(tried) - 1, better
-    return found, tuple(_described(trial, score, i == taken) for i, (trial, score) in enumerate(tried))
+    best, least = min(tried, key=lambda each: each[1])
+    other = _fitted(best, base, frf) if least < WORTH * tried[taken][1] else None
+    return found, tuple(_described(trial, score, i == taken) for i, (trial, score) in enumerate(tried)), other
 
 
 def _has_lag(fits: Sequence[Fit], errors: Sequence[float]) -> bool:

@@ -47,6 +47,9 @@ class Friction:
     scale_m_s: float  # v_s, below which sign(v) is smooth; known to a factor of two
     # fraction of the residual's power at low level, of which the fit knew nothing, that it removes; None: not known
     held_out: float | None = None
+    # friction in slip without an assumed law at reversals, and its standard uncertainty; None: not known
+    sliding_v: float | None = None
+    sliding_error_v: float | None = None
 
     @property
     def linear_s_per_m(self) -> float:

@@ -12,7 +12,10 @@ those of the samples and not of the corrected motions, which a greater gain woul
 
 The alias of the held command in the table's samples is free as well: far below the table's resonance, where its
 response grows with the square of frequency, a greater alias and a greater AC corner of the table look the same, and the
-model of the table has taken one for the other.
+model of the table has taken one for the other. What it took is known: a table of displacement gain G whose sensor has
+the corner k w instead of w answers (1 - (k - 1) w / s) G s^2, and the model's alias is too small by (k - 1) w G / dt.
+The floors' samples hold no alias. So they show the alias, the alias shows the table's corner, and with the ratios of
+the corners that of all sensors.
 """
 
 from __future__ import annotations
@@ -53,13 +56,19 @@ LEAST_SIZE = 1e-9  # of a residual, relative to the floors' motion
 @dataclass(frozen=True)
 class Priors:
     """Standard uncertainties of what is declared: gains (c,) and AC corners (c,) relative, lags (c,) in s, masses (n,)
-    relative, and that of the table model's ripple in m/s^2 per V. 0: exactly as declared."""
+    relative, and that of the table model's ripple in m/s^2 per V. 0: exactly as declared.
+
+    `ripple_by_corner`: by how much that ripple is too small for a corner of the table that is greater by its own size,
+    `ripple_error` its standard uncertainty beside that; both in m/s^2 per V.
+    """
 
     gain: Array
     coupling: Array
     late_s: Array
     mass: Array
     ripple_m_s2_per_v: float = 0.0
+    ripple_by_corner: float = 0.0
+    ripple_error: float = np.inf
 
     @property
     def sizes(self) -> Array:
@@ -69,8 +78,11 @@ class Priors:
         return np.concatenate([self.gain, self.coupling, self.late_s, self.mass, [self.ripple_m_s2_per_v], couplings])
 
 
-def priors_of(info: RigInfo, sensors_removed: bool, table: Model) -> Priors:
-    """Return the priors of a rig as declared; corners and lags only where the step corrects them."""
+def priors_of(info: RigInfo, sensors_removed: bool, table: Model, ripple_error: float = np.inf) -> Priors:
+    """Return the priors of a rig as declared; corners and lags only where the step corrects them.
+
+    `ripple_error` is the standard uncertainty of the ripple of the table's model, fitted with the declared corner.
+    """
     count, declared, dynamics = len(info.channels), info.uncertainty, float(sensors_removed)
     return Priors(
         np.array([channel.uncertainty for channel in info.channels]),
@@ -78,6 +90,8 @@ def priors_of(info: RigInfo, sensors_removed: bool, table: Model) -> Priors:
         np.full(count, declared.skew_s * dynamics),
         np.array(declared.of_masses(count - 1)),
         ripple_prior(table, info.dt_s) * dynamics,
+        2.0 * np.pi * info.channels[0].high_pass_hz * table.low_frequency_gain_m_per_v / info.dt_s,
+        ripple_error,
     )
 
 
@@ -101,7 +115,7 @@ def calibrate(
     corners = 2.0 * np.pi * np.array([channel.high_pass_hz for channel in channels])
     problem = _Problem(
         tuple(transform(motion, dt_s, (low_hz, highest)) for motion in motions), np.asarray(masses_kg, dtype=float),
-        corners, priors.sizes,
+        corners, priors,
     )  # fmt: skip
     at = np.concatenate([np.log(start.stiffness_n_per_m), np.log(start.damping_ratio), np.zeros(problem.free.size)])
     size = problem.size(at)
@@ -149,13 +163,13 @@ class _Problem:
     lines: tuple[Lines, ...]
     masses_kg: Array
     corners: Array  # (c,) rad/s
-    priors: Array  # (3 c + n + 1 + 2 k,)
+    priors: Priors
     unit: float = 1.0  # size of a residual
 
     @property
     def free(self) -> Integers:
         """Return the places of the priors that are not zero."""
-        return np.flatnonzero(self.priors)
+        return np.flatnonzero(self.priors.sizes)
 
     @property
     def reach(self) -> Array:
@@ -165,8 +179,9 @@ class _Problem:
     def values(self, at: Array) -> tuple[Array, Array, Array, Array, float, Array]:
         """Return logarithms of gains and of corners (c,), lags (c,) in s, logarithms of masses (n,), the change of the
         ripple in m/s^2 per V and couplings of modes (2 k,)."""
-        sizes, c = np.zeros(self.priors.size), len(self.corners)
-        sizes[self.free] = self.priors[self.free] * at[2 * len(self.masses_kg) :]
+        priors, c = self.priors.sizes, len(self.corners)
+        sizes = np.zeros(priors.size)
+        sizes[self.free] = priors[self.free] * at[2 * len(self.masses_kg) :]
         ends = 3 * c + len(self.masses_kg)
         return (
             sizes[:c],
@@ -211,7 +226,18 @@ class _Problem:
             moved.append((self.residual(at + step)[0] - self.residual(at - step)[0]) / (2.0 * STEP))
         of_priors = np.hstack([np.zeros((free, n)), np.eye(free)]).T
         rows = np.vstack([slopes, np.array(moved).reshape(free, -1)]) / self.unit
-        return np.concatenate([left / self.unit, at[n:]]), np.hstack([rows, of_priors])
+        taken, by_taken = self.taken(at)
+        return np.concatenate([left / self.unit, at[n:], [taken]]), np.hstack([rows, of_priors, by_taken[:, None]])
+
+    def taken(self, at: Array) -> tuple[float, Array]:
+        """Return the change of the ripple beyond what the table's corner explains, in its uncertainty, and its slopes
+        (2 n + free,)."""
+        _, coupling, _, _, ripple, _ = self.values(at)
+        sizes, by_corner = np.zeros(self.priors.sizes.size), self.priors.ripple_by_corner
+        sizes[len(self.corners)] = -by_corner * np.exp(coupling[0]) * self.priors.coupling[0]
+        sizes[3 * len(self.corners) + len(self.masses_kg)] = self.priors.ripple_m_s2_per_v
+        slopes = np.concatenate([np.zeros(2 * len(self.masses_kg)), sizes[self.free]]) / self.priors.ripple_error
+        return float((ripple - by_corner * np.expm1(coupling[0])) / self.priors.ripple_error), slopes
 
 
 def _by_coupled_modes(lines: Lines, masses_kg: Array, theta: Array, coupled: Array) -> ComplexArray:
@@ -263,7 +289,7 @@ def _scatter(
     for piece in pieces:
         part = replace(problem, lines=(transform(piece, dt_s, band_hz),))
         left, slopes = replace(part, unit=part.size(at)).posterior(at)
-        data = slice(0, left.size - problem.free.size)
+        data = slice(0, left.size - problem.free.size - 1)
         information, directions = np.linalg.eigh(slopes[:, data] @ slopes[:, data].T)
         shown = information > SHOWN
         total += float(np.sum((directions[:, shown].T @ (slopes[:, data] @ left[data])) ** 2 / information[shown]))
@@ -273,9 +299,10 @@ def _scatter(
 
 def _described(problem: _Problem, at: Array, spread: Array) -> Calibration:
     """Return gains, corners, lags and masses with their covariance, also of those that are as declared."""
-    n, total = 2 * len(problem.masses_kg), problem.priors.size
+    n, priors = 2 * len(problem.masses_kg), problem.priors.sizes
+    total = priors.size
     gain, coupling, late_s, mass, *_ = problem.values(at)
     full, free, shown = np.zeros((total, total)), problem.free, 3 * len(problem.corners) + len(problem.masses_kg)
-    scale = problem.priors[free]
+    scale = priors[free]
     full[np.ix_(free, free)] = spread[n:, n:] * np.outer(scale, scale)
     return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), full[:shown, :shown])

@@ -148,6 +148,8 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("explained", "1", (), "share of the power that the model leaves of the record, beside linear parts"),
             ("scale_m_s", "m/s", (), "velocity below which the change of sign is smooth, to a factor of two"),
             ("held_out", "1", (), "share of the power left of the low-level record that it removes, nothing fitted"),
+            ("sliding_v", "V", (), "dry friction in slip, without a law at reversals"),
+            ("sliding_error_v", "V", (), f"{unsure} the friction in slip"),
         ),
         "latency": (
             ("identified_s", "s", (), "as identified"),

@@ -15,6 +15,7 @@ from rths_cli.identification.results import (
     ChannelReport,
     DelayEstimate,
     FitError,
+    Friction,
     Identification,
     LevelBand,
     LevelCauses,
@@ -399,7 +400,15 @@ def _friction(found: Identification) -> list[str]:
         f"like {size} mV of command ({moved} um of the table) against the velocity, {percent(friction.explained)} % of "
         "the power that the model leaves of the record"
     )
-    return [labelled("friction", text)]
+    return [labelled("friction", text + _in_slip(friction))]
+
+
+def _in_slip(friction: Friction) -> str:
+    """Return what friction is in slip, "" where that is the same."""
+    sliding, error = friction.sliding_v, friction.sliding_error_v
+    if sliding is None or error is None or abs(sliding - friction.command_v) < SIGNIFICANT * error:
+        return ""
+    return f"; in slip {with_uncertainty(sliding, error, 1e3)} mV, it holds like a spring after each reversal"
 
 
 def _verdict(verdict: Verdict) -> list[str]:

@@ -78,7 +78,12 @@ def test_one_comparison_and_one_weighing_calibrate_all_and_lower_the_bound(lab: 
     model = lab / "m.h5"
     api.identify(lab / "quake.yaml", model, settings=QUICK)
     with_model = {**QUICK, "identification.model": str(model)}
-    before = api.check(lab / "quake.yaml", settings=with_model).metrics["check.true_error_bound_m_s2"]
+    checked = api.check(lab / "quake.yaml", settings=with_model)
+    advice = next(note for note in checked.warnings if note.startswith("true error:"))
+    assert advice.endswith(" takes it")
+    command, option = advice.removesuffix(" takes it").split("rths calibrate ")[1].split(" --")
+    assert command.endswith("quake.yaml") and option in {"mass floor_2=KG", "mass floor_3=KG"}
+    before = checked.metrics["check.true_error_bound_m_s2"]
     compared = f"table={1e3 * 1.015 * 1.001:.2f} mV/g +- 0.2 %"  # 0.1 % off itself
     weighed = (f"floor_2={6.91 * 1.0005 * 0.9996:.5f}+-0.1%",)
     made = calibrate_rig(asked(lab, compared, masses=weighed, model=model), None)

@@ -125,8 +125,14 @@ SIMPLE = Model(
 )
 
 
-def made_up(seed: int, kappa_v: float, noise_m_s2: float, duration_s: float = 40.0, scale_m_s: float = 1e-3) -> Record:
-    """Return noise played on a simple table with sign(v) friction by fixed-point iteration, less what is linear."""
+def made_up(
+    seed: int, kappa_v: float, noise_m_s2: float, duration_s: float = 40.0, scale_m_s: float = 1e-3,
+    stuck_m: float = 0.0,
+) -> Record:  # fmt: skip
+    """Return noise played on a simple table with sign(v) friction by fixed-point iteration, less what is linear.
+
+    With `stuck_m` friction is that of Dahl instead.
+    """
     random = np.random.default_rng(seed)
     n = round(duration_s / DT)
     f = np.fft.rfftfreq(n, DT)
@@ -139,10 +145,21 @@ def made_up(seed: int, kappa_v: float, noise_m_s2: float, duration_s: float = 40
     accel = linear
     for _ in range(4):
         velocity = np.fft.irfft(accel / s, n)
-        pushed = np.tanh(velocity / scale_m_s) - np.sqrt(2.0 / np.pi) * velocity / velocity.std()
+        force = dahl(velocity, stuck_m) if stuck_m else np.tanh(velocity / scale_m_s)
+        pushed = force - np.mean(force * velocity) / np.mean(velocity**2) * velocity
         accel = linear - kappa_v * response * np.exp(s * SIMPLE.delay_s) * np.fft.rfft(pushed)
     measured = np.fft.irfft(accel, n) + noise_m_s2 * random.standard_normal(n)
     return Record(command, measured[None], Parts(slice(round(2.0 / DT), n)))
+
+
+def dahl(velocity: np.ndarray, stuck_m: float) -> np.ndarray:
+    """Return the force (n,) of Dahl friction of 1 at a velocity (n,), exact for a constant one in each interval."""
+    force, found = 0.0, []
+    for one in velocity.tolist():
+        limit = np.copysign(1.0, one)
+        force = limit + (force - limit) * np.exp(-abs(one) * DT / stuck_m)
+        found.append(force)
+    return np.array(found)
 
 
 def test_made_up_friction_is_found_with_an_uncertainty_that_holds() -> None:
@@ -168,6 +185,21 @@ def test_the_velocity_is_that_of_the_excited_table() -> None:
 def test_friction_that_fades_near_standstill_is_found_too() -> None:
     found = estimate([made_up(1, 3e-4, 1e-3, scale_m_s=4e-3)], SIMPLE, make_info(make_specimen()))
     assert found is not None and found.command_v == pytest.approx(3e-4, rel=0.006)
+
+
+@pytest.mark.parametrize(("stuck_m", "most"), [(1e-4, 0.3), (2e-4, 0.8), (6e-4, 1.5)])
+def test_friction_in_slip_is_found_where_it_holds_like_a_spring_at_reversals(stuck_m: float, most: float) -> None:
+    """Dahl's law, dz = v - abs(v) z / stuck: the force after a way x from a reversal is 1 - 2 exp(-x / stuck)."""
+    found = estimate([made_up(3, 3e-4, 1e-2, stuck_m=stuck_m)], SIMPLE, INFO)
+    assert found is not None and found.sliding_v is not None and found.sliding_error_v is not None
+    assert abs(found.sliding_v - 3e-4) < 2.0 * found.sliding_error_v < most * 3e-4
+    assert found.command_v < 0.7 * 3e-4
+
+
+def test_friction_in_slip_is_that_of_sign_where_nothing_sticks() -> None:
+    found = estimate([made_up(2, 3e-4, 1e-2)], SIMPLE, INFO)
+    assert found is not None and found.sliding_v is not None and found.sliding_error_v is not None
+    assert abs(found.sliding_v - 3e-4) < 2.0 * found.sliding_error_v < 0.1 * 3e-4
 
 
 def test_what_every_period_repeats_counts_as_uncertain() -> None:

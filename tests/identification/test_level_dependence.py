@@ -47,3 +47,15 @@ def test_the_cause_is_told(plant: Plant, table: tuple[str, ...] | None, storeys:
     assert told.accepted or plant is not TOLERATED
     assert "lost samples" not in reasons
     assert "hum" not in reasons
+
+
+@pytest.mark.parametrize("softening_m", [0.1, 0.05, np.inf])
+def test_the_frequency_of_a_storey_at_small_drift_lies_within_what_is_stated_at_full_level(softening_m: float) -> None:
+    specimen = found(replace(STIFF_SERVO, softening_m=softening_m)).specimen
+    assert specimen is not None
+    at_rest_hz = float(np.sqrt(9000.0 / 7.0) / (2.0 * np.pi))
+    off = abs(float(specimen.natural_frequency_hz[0]) - at_rest_hz)
+    stated, linear = float(specimen.frequency_error_hz[0]), 1e-4 * at_rest_hz
+    assert off < 2.0 * stated
+    assert (stated < linear) == (softening_m == np.inf)
+    assert (off > 10.0 * linear) == (softening_m < np.inf)

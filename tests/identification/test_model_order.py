@@ -50,7 +50,7 @@ def chosen(truth: Model, noise_m_s2: float, kind: Kind = "noise") -> tuple[Fit, 
     record = Record(command_v, (simulate(truth, command_v, 90.0) + noise)[None], parts)
     raw = estimate([record], DT, BAND_HZ, SEGMENT_S)[0]
     first = first_fit(raw, (np.array([3.2, 8.4]), np.array([0.043, 0.039])), Timing(1, DT), BAND_HZ)
-    found, candidates = choose(*improved(first, raw, record), [record], "h1", False)
+    found, candidates, _ = choose(*improved(first, raw, record), [record], "h1", False)
     return improved(found, raw, record)[0], candidates
 
 

@@ -137,6 +137,22 @@ def test_a_corner_of_the_table_and_an_alias_that_look_the_same_are_both_left_ope
     assert abs(np.log(known.coupling[0] / known.coupling[1]) - np.log(1.15)) > 10.0 * known.error_of(pair)
 
 
+@pytest.mark.parametrize("common", [0.8, 1.2])
+def test_the_alias_that_the_tables_model_took_for_a_corner_shows_the_corner_of_all_sensors(common):
+    """The model's alias, fitted with the declared corner, hides the true one; the floors show what is missing.
+
+    The table here follows its command at all frequencies, so that its own corner and its alias stay alike."""
+    coupling = common * np.array([1.03, 1.0, 0.98])
+    hidden = (coupling[0] - 1.0) * 2.0 * np.pi * CORNER_HZ * METRES_PER_VOLT / TABLE.dt_s
+    seen, dt_s = motion(np.ones(3), coupling, np.zeros(3), np.ones(2), ripple=hidden, noise=1e-4)
+    table = replace(TABLE, poles=np.full(3, -300.0), gain=300.0**3 * METRES_PER_VOLT)
+    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors_of(rig(), True, table, 0.02))
+    errors = np.array([found.error_of(row) for row in np.eye(11)[3:6]])
+    assert np.all(np.abs(np.log(found.coupling / coupling)) < 3.0 * errors) and np.all(errors[1:] < 0.03)
+    alone = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors())
+    assert np.all([alone.error_of(row) > 0.05 for row in np.eye(11)[3:6]])
+
+
 @pytest.mark.parametrize("specimen", [{"dashpots": (0.0, 3.0)}, {"dashpots": (5.0, 0.0)}, {"rocking": 2e-6}])
 def test_a_specimen_that_is_no_chain_with_modal_damping_shows_no_false_sensors(specimen):
     """A damper in one storey looks like a sensor that lags, a rocking base like other masses, where modes are alone."""

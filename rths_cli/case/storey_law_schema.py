@@ -230,8 +230,8 @@ def _one_spring(laws: tuple[StoreyLaw, ...]) -> tuple[StoreyLaw, ...]:
     if taken > 1.0 + ROUNDING:
         kinds = " and ".join(law.kind for law in taking)
         raise refusal(
-            f"{kinds} take {taken:.4g} times the storey's stiffness away when they yield, as each describes the storey's "
-            "own spring: keep one of them, or raise hardening until their 1 - hardening add up to 1 at most"
+            f"{kinds} take {taken:.4g} times the storey's stiffness away when they yield, as each describes the "
+            "storey's own spring: keep one of them, or raise hardening until their 1 - hardening add up to 1 at most"
         )
     return laws
 

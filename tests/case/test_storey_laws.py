@@ -61,7 +61,7 @@ def told(law: str) -> tuple[str, ...]:
         (f"[[{YIELDS.format(0.05)}, {YIELDS.format(0.05)}]]", "law", "take 1.9 times"),
         (f"[[{{kind: clough, yield_displacement_m: 0.004}}, {YIELDS.format(0.9)}]]", "law", "clough and bilinear"),
         (
-            f"[[{{kind: softening, share: 0.3}}, {{kind: cubic, cubic_n_per_m3: 1, largest_drift_m: 1}}, {YIELDS.format(0)}]]",
+            f"[[{{kind: softening, share: 0.3}}, {{kind: friction, force_n: 1}}, {YIELDS.format(0)}]]",
             "law",
             "softening and bilinear",
         ),

@@ -20,8 +20,15 @@ from functools import partial
 
 import numpy as np
 
-from rths_cli.analysis.closed_loop_response import hybrid
-from rths_cli.analysis.error_budget import ASSUMED_SCALE, CUT_PERIODS, Budget, Signals, samples_without_gaps
+from rths_cli.analysis.error_budget import (
+    ASSUMED_SCALE,
+    CUT_PERIODS,
+    Budget,
+    Linear,
+    Signals,
+    Undisturbed,
+    samples_without_gaps,
+)
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.predicted_error import Known, friction_samples, predict, samples_of_push
 from rths_cli.identification.results import Friction
@@ -81,12 +88,16 @@ class Cause:
         return float(np.max(self.storeys))
 
 
-def causes_of(known: Known, signals: Signals, budget: Budget) -> tuple[Cause, ...]:
-    """Return the causes of the measured error, the largest first; () where the specimen was not identified."""
+def causes_of(known: Known, signals: Signals, budget: Budget, test: Undisturbed | None = None) -> tuple[Cause, ...]:
+    """Return the causes of the measured error, the largest first; () where the specimen was not identified. `test`:
+    None for a building without laws."""
     if known.specimen is None:
         return ()
-    to_storeys = _through_the_loop(known)
-    lines = known.lines
+    lines, loop = known.lines, test or Linear(known)
+
+    def to_storeys(samples: ComplexArray) -> Array:
+        return lines.evaluated(-loop.small(samples), CUT_PERIODS / lines.highest_hz)
+
     command = lines.of(signals.command_v) / known.loop.ahead
     samples = lines.of(samples_without_gaps(known, signals)) / known.loop.ahead
     rubbed = friction_samples(replace(known, velocity_m_s=signals.desired[1]))
@@ -154,18 +165,6 @@ def _factors(rows: Array, wanted: Array) -> Array:
     size = np.linalg.norm(rows, axis=1)
     size[size == 0.0] = 1.0
     return np.asarray(np.linalg.lstsq((rows / size[:, None]).T, wanted, rcond=1e-9)[0] / size)
-
-
-def _through_the_loop(known: Known) -> Callable[[ComplexArray], Array]:
-    """Return what makes errors of the storeys (n_storeys, n) of disturbances of the samples (c, m)."""
-    lines, still = known.lines, np.zeros_like(known.ground)
-    ones = np.eye(len(known.floors))[:, :, None] * np.ones(lines.count)
-    transfer = np.array([hybrid(known.loop, still, one.astype(complex)).storeys for one in ones])
-
-    def to_storeys(samples: ComplexArray) -> Array:
-        return lines.evaluated(-np.einsum("csm,cm->sm", transfer, samples), CUT_PERIODS / lines.highest_hz)
-
-    return to_storeys
 
 
 def _candidates(

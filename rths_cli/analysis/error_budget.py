@@ -6,6 +6,9 @@ the command. The disturbance of the samples is divided further: dry friction and
 are fitted to it; the difference between the floors and the identified specimen on the measured table is the specimen's
 part. The parts are time series that add up to the error; the remainder is stated. If samples were lost, the substituted
 samples minus the missing ones, as reconstructed, are a separate part, and nothing is fitted to these samples.
+
+Storeys with laws are not linear. There the loop is not solved on lines but played with one disturbance after the other
+(`Undisturbed`): each part is then the change by its disturbance beside those before it.
 """
 
 from __future__ import annotations
@@ -13,11 +16,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rths_cli.analysis.closed_loop_response import Motion, hybrid, on_perfect_table
+from rths_cli.analysis.closed_loop_response import hybrid, on_perfect_table
 from rths_cli.analysis.fourier_lines import Lines
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.predicted_error import Errors, Known, samples_of_push
@@ -151,9 +155,55 @@ class Budget:
     friction_uncertainty_v: float
 
 
-def split(known: Known, signals: Signals) -> Budget:
-    """Return the measured error by cause."""
-    lines, loop, still = known.lines, known.loop, np.zeros_like(known.ground)
+class Undisturbed(Protocol):
+    """The test without disturbances, on lines, and what disturbances make of it."""
+
+    @property
+    def sim(self) -> ComplexArray:
+        """Return the accelerations (n_storeys, m) of SIM with the identified specimen."""
+
+    @property
+    def perfect(self) -> ComplexArray:
+        """Return those (n_storeys, m) of the test on a table that follows the desired motion."""
+
+    @property
+    def nominal(self) -> tuple[ComplexArray, ComplexArray]:
+        """Return those (n_storeys, m) of the test on the identified rig, and its tracking error (m,)."""
+
+    def disturb(self, samples: ComplexArray, command: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
+        """Return the change of storeys (n_storeys, m) and tracking error (m,) by disturbances of samples (c, m) and
+        command (m,), in addition to those that were given before."""
+
+    def small(self, samples: ComplexArray) -> ComplexArray:
+        """Return the change of the storeys (n_storeys, m) in proportion to a disturbance of the samples (c, m)."""
+
+
+class Linear:
+    """The test of a building without laws: solved on lines, and any disturbance is as good as a small one."""
+
+    def __init__(self, known: Known) -> None:
+        self._loop, self._known, self._still = known.loop, known, np.zeros_like(known.ground)
+        self._transfer: ComplexArray | None = None
+        self.sim = known.sim
+        self.perfect = on_perfect_table(known.loop, known.floors, known.ground).storeys
+        moved = hybrid(known.loop, known.ground, np.zeros_like(known.loop.rig))
+        self.nominal = moved.storeys, moved.tracking
+
+    def disturb(self, samples: ComplexArray, command: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
+        moved = hybrid(self._loop, self._still, samples, command)
+        return moved.storeys, moved.tracking
+
+    def small(self, samples: ComplexArray) -> ComplexArray:
+        if self._transfer is None:
+            ones = np.eye(len(samples))[:, :, None] * np.ones(samples.shape[1])
+            self._transfer = np.array([self.disturb(one.astype(complex), None)[0] for one in ones])
+        return np.asarray(np.einsum("csm,cm->sm", self._transfer, samples))
+
+
+def split(known: Known, signals: Signals, test: Undisturbed | None = None) -> Budget:
+    """Return the measured error by cause; `test`: None for a building without laws."""
+    test = test or Linear(known)
+    lines, loop = known.lines, known.loop
     command = lines.of(signals.command_v) / loop.ahead
     stored, came = lines.of(signals.corrected), lines.of(samples_without_gaps(known, signals))
     corrected = stored / loop.ahead
@@ -170,24 +220,19 @@ def split(known: Known, signals: Signals) -> Budget:
     if held is not None:
         bridged = _disturbances(known, corrected - loop.rig * command, command, signals.desired[1], instants)[1]
         fitted = _less_sure(fitted, bridged)
-    nominal = hybrid(loop, known.ground, np.zeros_like(disturbed))
-    perfect = on_perfect_table(loop, known.floors, known.ground)
-    quiet = np.zeros_like(nominal.tracking)
+    (nominal, tracking), quiet = test.nominal, np.zeros_like(command)
     series = {
-        "declared": (sim - known.sim, quiet),
-        "coupling": (known.sim - perfect.storeys, quiet),
-        "latency": (perfect.storeys - nominal.storeys, nominal.tracking),
-        "rounding": _error(hybrid(loop, still, np.zeros_like(disturbed), rounded)),
-    } | {
-        name: _error(hybrid(loop, still, part, countered if name == "friction" else None))
-        for name, part in parts.items()
-    }
+        "declared": (sim - test.sim, quiet),
+        "coupling": (test.sim - test.perfect, quiet),
+        "latency": (test.perfect - nominal, tracking),
+        "rounding": _error(test.disturb(np.zeros_like(disturbed), rounded)),
+    } | {name: _error(test.disturb(part, countered if name == "friction" else None)) for name, part in parts.items()}
     if held is not None:
-        series[LOST] = _error(hybrid(loop, still, (stored - came) / loop.ahead, held))
+        series[LOST] = _error(test.disturb((stored - came) / loop.ahead, held))
     if signals.drift is not None:
-        moved, shown = hybrid(loop, still, drifted / loop.ahead), np.zeros_like(sim)
+        (moved, followed), shown = test.disturb(drifted / loop.ahead, None), np.zeros_like(sim)
         shown[len(sim) - len(drifted) :] = drifted
-        series[DRIFT] = (shown - moved.storeys, moved.tracking + drifted[0])
+        series[DRIFT] = (shown - moved, followed + drifted[0])
     measured = (sim - reported, lines.of(signals.desired[0]) - stored[0])
     left = tuple(whole - sum(pair[i] for pair in series.values()) for i, whole in enumerate(measured))
     causes = {name: _errors(known, *series[name]) for name in (*CAUSES, LOST, DRIFT) if name in series}
@@ -221,8 +266,8 @@ def _added(known: Known, signals: Signals, added: ComplexArray) -> tuple[Complex
     return added - held, held
 
 
-def _error(motion: Motion) -> tuple[ComplexArray, ComplexArray]:
-    return -motion.storeys, motion.tracking
+def _error(changed: tuple[ComplexArray, ComplexArray]) -> tuple[ComplexArray, ComplexArray]:
+    return -changed[0], changed[1]
 
 
 def _errors(known: Known, storeys: ComplexArray, tracking: ComplexArray) -> Errors:

@@ -29,6 +29,16 @@ def storey_shear_n(masses_kg: Array, abs_accel_m_s2: Array) -> Array:
     return np.asarray(np.cumsum(inertia[::-1], axis=0)[::-1])
 
 
+def restoring_force_n(springs_n_per_m: Array, drift_m: Array, law_force_n: Array) -> Array:
+    """Return the force (s, n) in N of spring and laws of the lowest s storeys, without dashpots.
+
+    `springs_n_per_m` (n_storeys,) and `drift_m` (n_storeys, n), of which the lowest count; `law_force_n` (s, n) beside
+    the springs.
+    """
+    known = len(law_force_n)
+    return np.asarray(springs_n_per_m[:known, None] * drift_m[:known] + law_force_n)
+
+
 @dataclass(frozen=True)
 class Peaks:
     """Largest absolute values of a building's response over the record, all frequencies, (n_storeys,) each."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Field,
     GetJsonSchemaHandler,
@@ -26,6 +27,7 @@ Hardening = Annotated[float, Range(ge=0, le=1)]
 Share = Annotated[float, Range(ge=0, le=100)]
 KIND = "which law it is"
 YIELD = "drift at which it yields"
+ROUNDING = 1e-9
 HARDENING = "stiffness beyond yielding over that of the storey; 1: it never yields"
 
 
@@ -214,6 +216,28 @@ def _by_storey(data: Any) -> Any:
     return tuple(() if one is None else tuple(one) if isinstance(one, list | tuple) else (one,) for one in data)
 
 
+def _share_taken(law: StoreyLaw) -> float:
+    """Return the share of the storey's own stiffness that a law takes away when it yields."""
+    if isinstance(law, BilinearLaw | BoucWenLaw):
+        return 1.0 - law.hardening
+    if isinstance(law, CloughLaw):
+        return 1.0 if law.hardening < 1.0 else 0.0
+    return law.share if isinstance(law, SofteningLaw) else 0.0
+
+
+def _one_spring(laws: tuple[StoreyLaw, ...]) -> tuple[StoreyLaw, ...]:
+    """Refuse laws of one storey that together take more stiffness away than its spring has."""
+    taking = [law for law in laws if _share_taken(law) > 0.0]
+    taken = sum(map(_share_taken, taking))
+    if taken > 1.0 + ROUNDING:
+        kinds = " and ".join(law.kind for law in taking)
+        raise refusal(
+            f"{kinds} take {taken:.4g} times the storey's stiffness away when they yield, as each describes the "
+            "storey's own spring: keep one of them, or raise hardening until their 1 - hardening add up to 1 at most"
+        )
+    return laws
+
+
 class _AsWritten:
     """Describes laws in JSON Schema as a file may state them: a law, or per storey a law, a list of laws or null."""
 
@@ -237,7 +261,8 @@ AnyLaw = Annotated[
     | OwnLaw,
     WrapValidator(_of_kind),
 ]
-StoreyLaws = Annotated[tuple[tuple[AnyLaw, ...], ...], BeforeValidator(_by_storey), _AsWritten]
+LawsOfStorey = Annotated[tuple[AnyLaw, ...], AfterValidator(_one_spring)]
+StoreyLaws = Annotated[tuple[LawsOfStorey, ...], BeforeValidator(_by_storey), _AsWritten]
 """Laws storey by storey from the ground, several of a storey in parallel."""
 
 

@@ -36,8 +36,8 @@ def compliance(model: Model, specimen: Specimen) -> Compliance:
 
     Left alone, the table moves by x = u / p(s) with its command u, whose delay is left out. The specimen reacts to the
     table's acceleration with -M(s) s^2 x, therefore s^2 / G(s) = p(s) + rho (1 + lag s) s^2 M(s). M has peaks and the
-    polynomial p has none: linear least squares of the relative difference finds both. p has as many roots as the model
-    has poles beyond the specimen's. Raises InputError where a table is not of this kind.
+    polynomial p has none: linear least squares of the relative difference finds both, with a lag of zero or more. p has
+    as many roots as the model has poles beyond the specimen's. Raises InputError where a table is not of this kind.
     """
     n = len(specimen.masses_kg)
     own = np.sqrt(np.linalg.eigvals(np.linalg.solve(np.diag(specimen.masses_kg), specimen.K)).real) / (2.0 * np.pi)
@@ -48,18 +48,21 @@ def compliance(model: Model, specimen: Specimen) -> Compliance:
     apparent_kg = specimen.masses_kg @ specimen_state_space(specimen).response(frequency)[:, 0]
     order = max(len(model.poles) - 2 * n, LEAST_ORDER)
     unit = 2.0 * np.pi * own.max()
-    columns = [(s / unit) ** k for k in range(order + 1)] + [s**2 * apparent_kg * (s / unit) ** k for k in range(2)]
-    relative = np.array(columns).T / inverse[:, None]
-    rows, wanted = np.vstack([relative.real, relative.imag]), np.repeat([1.0, 0.0], LINES)
-    size = np.linalg.norm(rows, axis=0)
-    found = np.linalg.lstsq(rows / size, wanted, rcond=None)[0] / size
+    table = [(s / unit) ** k for k in range(order + 1)]
+    for powers in (2, 1):  # a lag below zero is one that the record does not show: then there is none
+        columns = table + [s**2 * apparent_kg * (s / unit) ** k for k in range(powers)]
+        relative = np.array(columns).T / inverse[:, None]
+        rows, wanted = np.vstack([relative.real, relative.imag]), np.repeat([1.0, 0.0], LINES)
+        size = np.linalg.norm(rows, axis=0)
+        found = np.linalg.lstsq(rows / size, wanted, rcond=None)[0] / size
+        rho, slope = float(found[order + 1]), float(found[-1]) / unit if powers == 2 else 0.0
+        if slope * rho >= 0.0:
+            break
     misfit = float(np.sqrt(np.mean(np.abs(relative @ found - 1.0) ** 2)))
-    rho, slope = float(found[-2]), float(found[-1]) / unit
-    if not (misfit <= MOST_MISFIT and rho > 0.0 and slope >= 0.0):
+    if not (misfit <= MOST_MISFIT and rho > 0.0):
         raise InputError(
             "controller.reaction_feedforward: the identified table does not show how the specimen's reaction moves it "
-            f"(misfit {misfit:.2g}, at most {MOST_MISFIT:g}; {rho:.3g} V/N, lag {1e3 * slope / rho:.3g} ms, neither "
-            "negative); remove the key"
+            f"(misfit {misfit:.2g}, at most {MOST_MISFIT:g}; {rho:.3g} V/N, must be > 0); remove the key"
         )
     return Compliance(rho, slope / rho, misfit)
 

@@ -4,7 +4,9 @@ analysis/stability_check.py."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +29,7 @@ from rths_cli.experiment import run_metrics
 from rths_cli.experiment.loop_stability_of_case import loop_parts, loop_stability, required_delay_s
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.setup import motion_key
-from rths_cli.experiment.simulated_test import simulated_test
+from rths_cli.experiment.simulated_test import Replayed, simulated_test
 from rths_cli.experiment.tangent_verdicts import faults_at_tangents, tangent_verdicts
 from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.shared_values import SharedValues
@@ -72,6 +74,7 @@ class Judged:
     true_error: TrueError | None = None  # None: sensors and masses are exactly as declared, or the loop is unstable
     remedy: Remedy | None = None  # what would lower the bound of the true error most
     expected_m_s2: Array | None = None  # (n_storeys,) RMS error that the sensors will show, against SIM as declared
+    replay: Callable[[], Replayed] | None = None  # the test of storeys with laws, for the budget after the run
 
 
 def preflight_of(setup: Setup, identified: Identification, design: Design) -> preflight.Preflight:
@@ -128,10 +131,11 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
     stable = prediction if found.radius < 1.0 else None
     tangents = tangent_verdicts(setup, identified, design.blocks, whole, shared)
     further = (*preflight.unseen(known), *faults_at_tangents(tangents))
-    simulated = None
+    simulated, replay = None, None
     if stable is not None and whole.has_laws:
         played = replace(as_designed, blocks=as_designed.blocks.without_compensation())  # beside what it leaves
         simulated = _simulated(setup, whole, played, rig, known, stable, shared)
+        replay = partial(Replayed, setup, whole, played, rig, known, _sim_with_laws(setup, whole, shared))
         rows, further = simulated.reach, (*further, *simulated.faults)
         total = simulated.total
         stable = None if total is None else replace(stable, causes=simulated.causes, total=total)
@@ -159,7 +163,7 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
     sim_rms = rms(known.lines.evaluated(known.sim))
     return Judged(
         verdict, own, looped, delayed, sim_rms, friction, largest, seen, (), tangents, simulated,
-        true, remedy, expected,
+        true, remedy, expected, replay,
     )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_choice import Known
     from rths_cli.experiment.setup import OwnSamples, Progress, Setup
+    from rths_cli.experiment.simulated_test import Replayed
     from rths_cli.numerics.lti import Block
     from rths_cli.quantities import Values
 
@@ -50,6 +51,7 @@ class Verdict:
     design: Design | None  # None: no blocks can be designed
     figures: dict[str, ArrayLike]  # metrics `check.*` by path
     loop: LoopKnown | None = None  # inputs of the error budget; None: the loop is unstable or was not judged
+    replay: Callable[[], Replayed] | None = None  # the test of storeys with laws for the budget; None: it has none
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
     said: str = ""  # a sentence on the true error and what would lower its bound; "" where nothing is uncertain
     true_error: TrueError | None = None  # its distribution; None: sensors and masses are exactly as declared
@@ -144,7 +146,9 @@ def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, sha
     tangents = tuple(one.name for one in judged.tangents)
     said = _on_true_error(setup, judged)
     reasons, figures = (*faults, *found.reasons), check_figures(judged)
-    return Verdict(verdict, reasons, design, figures, judged.known, tangents, said, judged.true_error)
+    return Verdict(
+        verdict, reasons, design, figures, judged.known, judged.replay, tangents, said, judged.true_error
+    )  # fmt: skip
 
 
 def _on_true_error(setup: Setup, judged: Judged) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis.error_attribution import Cause, causes_of
-from rths_cli.analysis.error_budget import Budget, Signals, split
+from rths_cli.analysis.error_budget import Budget, Linear, Signals, split
 from rths_cli.loop.realtime_loop import IN_RUN
 
 if TYPE_CHECKING:
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from rths_cli.analysis.error_budget import Undisturbed
     from rths_cli.analysis.predicted_error import Known
     from rths_cli.analysis.sim import Response
     from rths_cli.experiment.run_signals import Series
@@ -26,13 +27,13 @@ LATE_SHARE = 0.5  # fraction of a sample interval; later samples belong to no in
 
 
 def of_exp_rths(
-    known: Known | None, series: Series, reported: Array, sim: Response
+    known: Known | None, series: Series, reported: Array, sim: Response, test: Undisturbed | None = None
 ) -> tuple[dict[str, ArrayLike], tuple[Cause, ...]]:
     """Return the measured errors by cause and the named causes; empty for an unstable loop (None) or if a value is not
     finite.
 
     `reported` (n_storeys, n): absolute accelerations of a run that reached the end of its record, measured from the
-    table up.
+    table up. `test`: None for a building without laws.
     """
     if known is None or not np.isfinite(reported).all():
         return {}, ()
@@ -41,8 +42,9 @@ def of_exp_rths(
     signals = Signals(
         series.desired, series.measured, series.command_v, computed, sim.abs_accel_m_s2, lost, series.removed
     )
-    budget = split(known, signals)
-    return as_figures(budget), causes_of(known, signals, budget)
+    test = test or Linear(known)
+    budget = split(known, signals, test)
+    return as_figures(budget), causes_of(known, signals, budget, test)
 
 
 def told_causes(causes: Sequence[Cause]) -> dict[str, str]:

@@ -3,7 +3,7 @@ metrics."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.analysis.error_attribution import Cause
+    from rths_cli.analysis.error_budget import Undisturbed
     from rths_cli.analysis.predicted_error import Known as LoopKnown
     from rths_cli.analysis.sim import Response
     from rths_cli.experiment.design import Design
@@ -190,10 +191,13 @@ def run_of(
     )  # fmt: skip
 
 
-def evaluated(run: Run, setup: Setup, sim: Response, loop: LoopKnown | None) -> Run:
+def evaluated(
+    run: Run, setup: Setup, sim: Response, loop: LoopKnown | None, replay: Callable[[], Undisturbed] | None = None
+) -> Run:
     """Return a run with its metrics; a run that ended early has only the counts of lost samples.
 
-    `loop`: inputs of the error budget (None: no budget is computed).
+    `loop`: inputs of the error budget (None: no budget is computed). `replay` makes the test that its disturbances are
+    played with; None: the building has no laws.
     """
     values: dict[str, ArrayLike] = {}
     if found := lost_sample_counts.of_live(run.series.live, setup.rig.dt_s):
@@ -203,7 +207,8 @@ def evaluated(run: Run, setup: Setup, sim: Response, loop: LoopKnown | None) -> 
     values |= metrics_of_record(run, setup, sim)
     causes: tuple[Cause, ...] = ()
     if run.abs_accel_m_s2 is not None:
-        budget, causes = error_budget_metrics.of_exp_rths(loop, run.series, run.abs_accel_m_s2, sim)
+        test = replay() if replay is not None else None
+        budget, causes = error_budget_metrics.of_exp_rths(loop, run.series, run.abs_accel_m_s2, sim, test)
         values |= budget
     return replace(
         run, metrics=values, causes=causes, remarks=run_metrics.remarks(setup, run.kind.name, run.series.desired[0])

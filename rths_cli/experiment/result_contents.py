@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.analysis.structural_response import inter_storey_drift_m, storey_shear_n
+from rths_cli.analysis.structural_response import inter_storey_drift_m, restoring_force_n, storey_shear_n
 from rths_cli.control import latency_budget
 from rths_cli.control.numerical_substructure import amplitude_and_lag
 from rths_cli.experiment.run_metrics import of_margins
@@ -24,6 +24,7 @@ from rths_cli.quantities.datasets import (
     dataset,
 )
 from rths_cli.rigs.from_case import laboratory_number, true_values
+from rths_cli.structure import storey_values
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -88,6 +89,8 @@ def write_response(writer: ResultWriter, run: str, setup: Setup, response: Respo
     """Write a computed response (SIM, SIM-DELAY)."""
     motion = (response.rel_disp_m, response.rel_vel_m_s, response.abs_accel_m_s2)
     values = _motion(setup, motion, response.base_shear_n)
+    if response.laws is not None:
+        values |= _restoring(setup, response.rel_disp_m, response.laws.force_n)
     writer.group(run, values, time_s=setup.motion.time_s, storey=np.arange(1, len(motion[0]) + 1))
 
 
@@ -101,6 +104,15 @@ def _motion(setup: Setup, motion: tuple[Array, Array, Array], base_shear_n: Arra
         "inter_storey_drift_m": inter_storey_drift_m(disp),
         "storey_shear_n": storey_shear_n(np.diag(setup.building.M), accel),
     }
+
+
+def _restoring(setup: Setup, rel_disp_m: Array, law_force_n: Array) -> dict[str, ArrayLike]:
+    """Return the force of springs and laws (n_storeys, n), NaN where the forces of laws (s, n) are not known."""
+    building, drift = setup.building, inter_storey_drift_m(rel_disp_m)
+    springs = np.concatenate([storey_values(building.numerical.K), storey_values(building.specimen.K)])
+    found = np.full(drift.shape, np.nan)
+    found[: len(law_force_n)] = restoring_force_n(springs, drift, law_force_n)
+    return {"restoring_force_n": found}
 
 
 def write_table_run(
@@ -118,6 +130,10 @@ def write_table_run(
     storey = np.arange(1, storeys + 1)
     scales: dict[str, ArrayLike] = {"floor": storey[storeys - floors :]}
     values = _motion(setup, hybrid, series.base_shear_n) if hybrid else {}
+    if hybrid and series.law_force_n is not None:
+        forces = np.zeros((len(setup.building.numerical.masses_kg), series.command_v.size))
+        forces[: len(series.law_force_n)] = series.law_force_n
+        values |= _restoring(setup, hybrid[0], forces)
     values |= {
         "interface_accel_desired_m_s2": series.desired[0],
         "interface_accel_measured_m_s2": series.measured[0],

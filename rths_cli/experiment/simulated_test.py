@@ -2,7 +2,7 @@
 
 The compiled step with its laws is played on the identified model (loop/identified_rig_run.py), several times: on a
 perfect table, on the identified one, then with one cause of errors after the other added. The reference is SIM of the
-computed storeys with the identified specimen.
+computed storeys with the identified specimen. After a run the same is done with what was measured (`Replayed`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.predicted_error import (
     Errors,
     friction_samples,
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 
 MOST_ERROR = 0.5  # times SIM's RMS: a storey that is farther off does not do the test
 SEED = 19  # of the simulated noise
+SMALL = 1e-3  # rms of a small disturbance over that of the motion
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class _Played:
 
 
 @dataclass(frozen=True)
-class _Test:
+class SimulatedTest:
     """What all simulated tests of a case share."""
 
     setup: Setup
@@ -110,7 +112,7 @@ def simulated_test(
     `known` and `at_rest` are inputs and result of the prediction of the storeys at rest.
     """
     info, blocks = setup.rig, design.blocks
-    test = _Test(setup, building, blocks, drive_of(setup, design))
+    test = SimulatedTest(setup, building, blocks, drive_of(setup, design))
     limits = guard_limits(setup)
     limits = limits._replace(stuck=np.full(limits.stuck.shape, np.inf))  # a model's channels are never stuck
     quiet = replace(seen_by_model(rig, blocks, info, setup.removes_sensors), shaping_step_v=0.0)
@@ -159,6 +161,56 @@ def simulated_test(
     return Simulated(tuple(_far_off(total.storeys, size)), reach, causes, total, response)
 
 
+class Replayed:
+    """A test of storeys with laws, played again on the identified rig with disturbances that a run has shown.
+
+    Disturbances have lines up to those of `known`. That of a command is given as what the rig makes of it.
+    """
+
+    def __init__(
+        self, setup: Setup, building: Building, design: Design, rig: IdentifiedRig, known: Known, sim: Response
+    ) -> None:
+        """`building`, `design`, `rig`, `known` and `sim` as of `simulated_test`."""
+        self._known, self._rig, self._sim = known, rig, sim
+        self._test = SimulatedTest(setup, building, design.blocks, drive_of(setup, design))
+        self._never = _without_limits(guard_limits(setup))
+        self._blocks = replace(seen_by_model(rig, design.blocks, setup.rig, setup.removes_sensors), shaping_step_v=0.0)
+        self._given = np.zeros_like(known.loop.rig)  # all disturbances so far
+        self._last = self._nominal = self._play(self._given)
+
+    @property
+    def sim(self) -> ComplexArray:
+        return self._known.lines.of(self._sim.abs_accel_m_s2)
+
+    @property
+    def perfect(self) -> ComplexArray:
+        found = _on_perfect_table(self._test, self._never)
+        return self.sim if found is None else self._known.lines.of(found.accel)
+
+    @property
+    def nominal(self) -> tuple[ComplexArray, ComplexArray]:
+        return self._known.lines.of(self._nominal.accel), self._known.lines.of(self._nominal.tracking)
+
+    def disturb(self, samples: ComplexArray, command: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
+        before, lines = self._last, self._known.lines
+        through = 0.0 if command is None else self._known.loop.rig * command
+        self._given = self._given + samples + through
+        self._last = self._play(self._given)
+        return lines.of(self._last.accel - before.accel), lines.of(self._last.tracking - before.tracking)
+
+    def small(self, samples: ComplexArray) -> ComplexArray:
+        lines = self._known.lines
+        size = float(rms(lines.series(samples)).max())
+        if size == 0.0:
+            return np.zeros_like(self.sim)
+        factor = SMALL * float(rms(self._nominal.accel).max()) / size
+        return np.asarray(lines.of(self._play(self._given + factor * samples).accel - self._last.accel) / factor)
+
+    def _play(self, samples: ComplexArray) -> _Played:
+        added = Disturbed(_samples_v(self._known, self._rig, samples, len(self._test.drive)))
+        return self._test.play(self._rig.plant, self._blocks, added, self._never)
+
+
 def _without_limits(limits: GuardLimits) -> GuardLimits:
     """Return limits that stop a test only where it is no number: the reach tells what would be beyond them."""
     never = np.full(limits.stuck.shape, np.inf)
@@ -169,7 +221,7 @@ def _without_limits(limits: GuardLimits) -> GuardLimits:
     )  # fmt: skip
 
 
-def _on_perfect_table(test: _Test, limits: GuardLimits) -> _Played | None:
+def _on_perfect_table(test: SimulatedTest, limits: GuardLimits) -> _Played | None:
     """Return the test on a table that follows the desired motion; None without a lead, by which it is known early."""
     info, blocks = test.setup.rig, test.blocks
     if blocks.lead_samples < 1:

@@ -120,7 +120,7 @@ def play_all(
             run = replace(run, stopped=replace(run.stopped, reason=told))
         write_run(writer, setup, run)
         _note(writer, kind.name, run.stopped)
-        run = evaluated(run, setup, sim, checked.loop)
+        run = evaluated(run, setup, sim, checked.loop, checked.replay)
         if causes := told_causes(run.causes):
             writer.about(causes)
         all_of_them = _with(all_of_them, run)

@@ -117,6 +117,8 @@ TIME, ON_STOREYS, ON_FLOORS, ON_CHANNELS = (
     ("time_s",), ("storey", "time_s"), ("floor", "time_s"), ("channel", "time_s"),
 )  # fmt: skip
 SHEAR = "force f of the specimen on the interface floor, Eq. 2.6"
+LAWS = "where storeys have laws, since 0.2"
+RESTORING = "force of the storey's spring and laws, without dashpots"
 DRIFT = "inter-storey drift: displacement less that of the floor, or ground, below"
 STOREY_SHEAR = (
     "shear of the storey, -sum of mass times absolute acceleration from there up; storey 1: the building's base"
@@ -186,6 +188,7 @@ def _of_solution() -> Iterator[DatasetDeclaration]:
         yield DatasetDeclaration(
             f"SOLUTION/{name}", units, ON_STOREYS, "computed", text, present=SINCE_0_2, follows=True
         )  # fmt: skip
+    yield DatasetDeclaration("SOLUTION/restoring_force_n", "N", ON_STOREYS, "computed", RESTORING, present=LAWS)
 
 
 def _of_hybrid_building() -> Iterator[DatasetDeclaration]:
@@ -215,6 +218,8 @@ def _of_hybrid_building() -> Iterator[DatasetDeclaration]:
             f"exp_rths/{name}", units, ON_STOREYS, "estimated", text, present=SINCE_0_2, remarks=(UNKNOWN_BELOW,),
             follows=True,
         )  # fmt: skip
+    known = f"{RESTORING}; NaN for the storeys on the table"
+    yield DatasetDeclaration("exp_rths/restoring_force_n", "N", ON_STOREYS, "computed", known, present=LAWS)
 
 
 def _of_table_run() -> Iterator[DatasetDeclaration]:

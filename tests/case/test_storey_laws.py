@@ -14,6 +14,7 @@ from rths_cli.errors import InputError
 
 CASE = "el_centro_low_ff"
 BILINEAR = {"kind": "bilinear", "yield_displacement_m": 0.004}
+YIELDS = "{{kind: bilinear, yield_displacement_m: 0.004, hardening: {}}}"
 MAXWELL = {"kind": "maxwell", "spring_n_per_m": 1000, "dashpot_n_s_per_m": 50}
 
 
@@ -57,6 +58,13 @@ def told(law: str) -> tuple[str, ...]:
         ("[[3]]", "law", "must be a law"),
         ("[null, {kind: bilinear, yield_displacement_m: 0.004}]", "law", "storey"),
         ("[]", "law", "storey"),
+        (f"[[{YIELDS.format(0.05)}, {YIELDS.format(0.05)}]]", "law", "take 1.9 times"),
+        (f"[[{{kind: clough, yield_displacement_m: 0.004}}, {YIELDS.format(0.9)}]]", "law", "clough and bilinear"),
+        (
+            f"[[{{kind: softening, share: 0.3}}, {{kind: friction, force_n: 1}}, {YIELDS.format(0)}]]",
+            "law",
+            "softening and bilinear",
+        ),
     ],
 )
 def test_a_faulty_law_is_told_in_one_sentence(law: str, field: str, says: str) -> None:
@@ -75,6 +83,7 @@ def test_every_fault_of_several_laws_is_told() -> None:
         (BILINEAR, True),
         ([BILINEAR], True),
         ([[BILINEAR, MAXWELL]], True),
+        ([[{**BILINEAR, "hardening": 0.6}, {**BILINEAR, "yield_displacement_m": 0.008, "hardening": 0.4}]], True),
         ([None], True),
         (None, True),
         ([[None]], False),

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from bench import DT_S, LINEAR, linear_table, specimen
 from hybrid import true_model
+from scipy.signal import ss2tf
 
-from rths_cli.control.kalman_filter import open_loop
+from rths_cli.control.kalman_filter import open_loop, specimen_state_space
 from rths_cli.control.reaction import (
     Compliance,
     compliance,
@@ -43,6 +44,21 @@ def test_a_model_that_no_such_table_has_is_refused() -> None:
     model = true_model(0.00075)
     with pytest.raises(InputError, match=r"reaction_feedforward: .* does not show how .* remove the key"):
         compliance(replace(model, zeros=np.where(model.zeros != 0.0, 1.2 * model.zeros, 0.0)), specimen())
+
+
+@pytest.mark.parametrize("lag_s", [1.5e-4, -1.5e-4])
+def test_a_lag_that_would_be_negative_is_none(lag_s: float) -> None:
+    """A table made of its equation s^2 / G = p(s) + rho (1 + lag s) s^2 M(s)."""
+    system, rho, gain = specimen_state_space(specimen()), 8e-4, 0.0079
+    above, below = ss2tf(system.A, system.B, (specimen().masses_kg @ system.C)[None], np.zeros((1, 1)))
+    alone = np.polymul([LINEAR.actuator_time_constant_s, 1.0], [1.0 / (2 * np.pi * 30.0) ** 2, 2e-3, 1.0]) / gain
+    reacts = np.polymul([rho * lag_s, rho, 0.0, 0.0], above[0])
+    whole = np.polyadd(np.polymul(alone, below), reacts)
+    zeros = np.concatenate([[0.0, 0.0], np.roots(below)])
+    made = replace(true_model(0.0), zeros=zeros, poles=np.roots(whole), gain=below[0] / whole[0])
+    found = compliance(made, specimen())
+    assert found.lag_s == pytest.approx(max(lag_s, 0.0), abs=1e-7)
+    assert found.volts_per_newton == pytest.approx(rho, rel=0.02)
 
 
 @pytest.mark.parametrize("factor", [0.5, 0.7, 1.3])

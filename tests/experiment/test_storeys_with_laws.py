@@ -8,8 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from docs_running import shortened
+from scipy.integrate import cumulative_trapezoid
 
 import rths_cli
+from rths_cli.case.load import load_cases
+from rths_cli.experiment.setup import make_setup
 
 LAWS = {
     "bilinear": {"kind": "bilinear", "yield_displacement_m": 0.002, "hardening": 0.05},
@@ -42,6 +45,19 @@ def test_a_shipped_building_gives_a_good_test(name: str, tmp_path: Path) -> None
     assert (result.metrics["exp_rths.nrmse_percent"] < 1.0).all()
 
 
+def energy_left(result: Any) -> float:
+    """Return what remains of the energy that ground and base shear put into the computed storey, over its largest
+    value, less kinetic energy, work of the dashpot and work of spring and laws, by the trapezoidal rule."""
+    run, motion = result.exp_rths, result.record
+    numerical = make_setup(load_cases(["el_centro_low_ff"])[0]).building.numerical  # of the same building
+    u, v, shear = run.rel_disp_m[0], run.rel_vel_m_s[0], run.base_shear_n
+    put = cumulative_trapezoid((shear - numerical.masses_kg[0] * motion.ground_accel_m_s2) * v, dx=1 / 2000)
+    damped = cumulative_trapezoid(numerical.C[0, 0] * v**2, dx=1 / 2000)
+    stored = cumulative_trapezoid(run.restoring_force_n[0], u)
+    left = put - 0.5 * numerical.masses_kg[0] * v[1:] ** 2 - damped - stored
+    return float(np.abs(left).max() / np.abs(put).max())
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_a_hybrid_test_follows_sim_of_a_yielding_storey(name: str) -> None:
     """What SIM computes by events is what the step, table and specimen do: within 0.6 % in every storey."""
@@ -63,6 +79,11 @@ def test_a_hybrid_test_follows_sim_of_a_yielding_storey(name: str) -> None:
     assert np.isnan(residual[1:]).all()  # accelerometers do not know those on the table
     unsure, change = (result.metrics[f"exp_rths.residual_drift_{name}_m"][0] for name in ("uncertainty", "change"))
     assert abs(residual[0] - expected[0]) < 3.0 * unsure and change <= unsure < 2.0 * change
+    assert energy_left(result) < 1e-3
+    for run in (result.sim, result.exp_rths):  # the loop's area is the work
+        area = np.trapezoid(run.restoring_force_n[0], run.inter_storey_drift_m[0])
+        assert area == pytest.approx(wanted, rel=0.01)
+    assert np.isnan(result.exp_rths.restoring_force_n[1:]).all()
     assert result.exp_rths.part_value_names == "law_force_1_n (N)"
     assert np.abs(result.exp_rths.part_values[0]).max() > 5.0
     assert "simulated on the rig as identified" in result.attributes["warnings"]

@@ -49,6 +49,7 @@ BUILDINGS = ("sim", "sim_delay", "exp_rths")
 SHAPES = {"sim": "s", "sim_delay": "^", "exp_rths": "o"}
 INTERFACE = Look("interface", GREY, (0, (4.0, 2.0)), 0.7)
 MARKED_FLOORS = 25  # up to which each floor has its marker
+RESTORING = "restoring_force_n"
 DRIFT, SHEAR, DISPLACEMENT = "inter_storey_drift_m", "storey_shear_n", "rel_disp_m"
 LOOPS_S = 6.0  # of the hysteresis: around the largest drift
 POINTS_PER_LOOP = 900
@@ -194,14 +195,26 @@ def _whole_floors(ax: Axes) -> None:
     ax.yaxis.set_major_locator(MaxNLocator(10, integer=True))
 
 
+def restoring_n(source: Source, runs: Sequence[str]) -> dict[str, Array]:
+    """Return the force of spring and laws (n_storeys, n) of runs in N, NaN where it is not known; nothing where a run
+    has none."""
+    if not all(source.holds(f"{run}/{RESTORING}") for run in runs):
+        return {}
+    return {run: source.read(f"{run}/{RESTORING}") for run in runs}
+
+
 def hysteresis(source: Source, width: str) -> Figure:
-    """Draw the storey shear over the drift of each chosen storey in SIM and EXP-RTHS, around the largest drift."""
+    """Draw the force over the drift of each chosen storey in SIM and EXP-RTHS, around the largest drift.
+
+    The force is the storey's shear; in a building with laws that of spring and laws, where all runs know it.
+    """
     runs = source.runs(("sim", "exp_rths"))
     series = {run: (drifts_m(source, run), shears_n(source, run)) for run in runs}
     known = {run: (d, v) for run, (d, v) in series.items() if d is not None and v is not None}
     if not known:
         raise NotDrawn("no displacements, or no masses of the floors, in the result")
     storeys = chosen_storeys(len(next(iter(known.values()))[0]), interface_storey(source))[::-1]
+    restoring = restoring_n(source, tuple(known))
     across = min(len(storeys), 2 if width == "one" else 4)
     down = -(-len(storeys) // across)
     about = f"{LOOPS_S:g} s around the largest drift"
@@ -209,13 +222,17 @@ def hysteresis(source: Source, width: str) -> Figure:
     axes = list(figure.subplots(down, across, squeeze=False).ravel())
     titles = lettered(f"storey {storey}" for storey in storeys)
     for place, (ax, storey, title) in enumerate(zip(axes, storeys, titles, strict=False)):
+        of_laws = {run: force[storey - 1] for run, force in restoring.items()}
+        shown = bool(of_laws) and all(np.isfinite(force).all() for force in of_laws.values())
         for run, (drift, shear) in known.items():
+            force = of_laws[run] if shown else shear[storey - 1]
             part = _loops(source, run, drift[storey - 1])
             step = -(-(part.stop - part.start) // POINTS_PER_LOOP)
             loop = slice(part.start, part.stop, max(step, 1))
             look = replace(RUNS[run], width=1.3 if run == "sim" and len(known) > 1 else 0.6, dashes="solid")
-            ax.plot(MM_PER_M * drift[storey - 1, loop], shear[storey - 1, loop], label=look.label, **look.line())
-        ax.set(title=title, xlabel="drift (mm)", ylabel="storey shear (N)" if place % across == 0 else "")
+            ax.plot(MM_PER_M * drift[storey - 1, loop], force[loop], label=look.label, **look.line())
+        said = "spring and laws (N)" if shown else "storey shear (N)"
+        ax.set(title=title, xlabel="drift (mm)", ylabel=said if restoring or place % across == 0 else "")
         trimmed_ticks(ax)
     for ax in axes[len(storeys) :]:
         ax.set_visible(False)

@@ -120,6 +120,25 @@ def test_stored_drifts_and_shears_are_drawn_as_they_are(tmp_path, line_of):
     assert line_of(axes["storey shear"], BLACK)[0] == pytest.approx(np.repeat([3198.0, 6398.0, 9598.0], 2))
 
 
+def test_storeys_with_laws_have_loops_of_spring_and_laws_where_all_runs_know_them(tmp_path):
+    """The storey on the table, whose force EXP-RTHS does not know, keeps its shear in both."""
+    path = write_result(tmp_path / "laws.h5")
+    with h5py.File(path, "a") as file:
+        for run, known in (("sim", 3), ("exp_rths", 1)):
+            force = np.arange(3.0)[:, None] + np.zeros((3, file[f"{run}/time_s"].size))
+            force[known:] = np.nan
+            values = file.create_dataset(f"{run}/restoring_force_n", data=force)
+            values.attrs.update({"units": "N", "long_name": "force", "source": "computed"})
+            for axis, scale in enumerate(("storey", "time_s")):
+                values.dims[axis].attach_scale(file[f"{run}/{scale}"])
+    axes = titled(draw("hysteresis", read_result(path), "one"))
+    words = {"storey 3": "storey shear (N)", "storey 2": "storey shear (N)", "storey 1": "spring and laws (N)"}
+    assert {name: ax.get_ylabel() for name, ax in axes.items()} == words
+    for line in axes["storey 1"].lines:
+        assert not np.asarray(line.get_ydata()).any()  # the made-up force of storey 1
+    assert all(np.ptp(line.get_ydata()) > 0.0 for line in axes["storey 2"].lines)
+
+
 def test_a_file_without_displacements_has_the_profiles_that_it_can(tmp_path):
     path = write_result(tmp_path / "old.h5", runs=("sim",))
     with h5py.File(path, "a") as file:

@@ -36,6 +36,7 @@ T = TypeVar("T")
 ENGINES = ("inline", "threads", "processes", "dask")
 ELSEWHERE = ("processes", "dask")
 AHEAD = 4  # runs or chunks handed out per worker: enough to work on while more are made ready
+LOOK_S = 5.0  # between two looks whether any worker is there; the first is told where there is none
 LOSSES = 3  # in a row without a chunk that ends in between: then a run itself ends its process
 INSTALL = "pip install 'rths-cli[dask]'"
 START_METHOD = "forkserver" if sys.platform == "linux" else "spawn"  # forked ones import nothing, others do
@@ -80,6 +81,9 @@ class Workers(Protocol):
     def submit(self, work: Work, chunk: Chunk) -> Future[list[Row]]:
         """Hand out a chunk."""
 
+    def why_idle(self) -> str:
+        """Return why nothing is played at the moment, as a sentence; empty where something is."""
+
     def replace_lost(self, error: BaseException) -> None:
         """Start anew after a worker was lost; raises RthsError where that is of no use."""
 
@@ -112,6 +116,10 @@ class LocalProcesses:
         """Hand out a chunk."""
         return self._pool.submit(play_chunk, work, chunk)
 
+    def why_idle(self) -> str:
+        """Return nothing: lost processes are replaced at once."""
+        return ""
+
     def replace_lost(self, error: BaseException) -> None:
         """Start other processes: the pool of one that was lost is of no more use."""
         self.close(at_once=True)
@@ -142,7 +150,7 @@ def _end_with(life: Connection) -> None:
 class DaskWorkers:
     """The workers of a Dask scheduler, which itself gives the chunks of lost workers to others."""
 
-    def __init__(self, scheduler: str, work: Work, progress: Progress) -> None:
+    def __init__(self, scheduler: str, work: Work, say: Progress) -> None:
         self._name = scheduler
         distributed = _distributed()
         self.lost: tuple[type[BaseException], ...] = (CancelledError, distributed.KilledWorker)
@@ -154,10 +162,26 @@ class DaskWorkers:
             raise InputError(
                 f"--scheduler {scheduler}: no Dask scheduler answers there ({error}); start one by dask scheduler"
             ) from error
-        progress("waiting for a Dask worker")
-        self._client.wait_for_workers(1)
-        self._check(work)
+        try:
+            self._await_worker(say)
+            self._check(work)
+        except BaseException as error:
+            self._client.close()
+            if isinstance(error, OSError):
+                raise self._gone() from error
+            raise
         self._pool = self._client.get_executor(pure=False)
+
+    def _await_worker(self, say: Progress) -> None:
+        """Wait until a worker is there; say what is missing where that takes long. A cluster may have a queue."""
+        told = False
+        while not self._client.nthreads():
+            try:
+                self._client.wait_for_workers(1, timeout=LOOK_S)
+            except TimeoutError:
+                if not told:
+                    say(self.why_idle())
+                told = True
 
     def _check(self, work: Work) -> None:
         """Raise InputError with a sentence for each worker that runs another software."""
@@ -176,15 +200,27 @@ class DaskWorkers:
 
         faults = {address: told for address, told in self._client.run(differs).items() if told}
         if faults:
-            self._client.close()
             raise InputError(*(f"Dask worker {address}: {told}" for address, told in sorted(faults.items())))
 
     def count(self) -> int:
         """Return the number of threads of all workers that are there now."""
+        return max(1, self._threads())
+
+    def _threads(self) -> int:
         try:
-            return max(1, sum(self._client.nthreads().values()))
+            return sum(self._client.nthreads().values())
         except OSError as error:
             raise self._gone() from error
+
+    def why_idle(self) -> str:
+        """Return that no worker is there, and how to start one."""
+        if self._threads():
+            return ""
+        address = self._client.scheduler.address
+        return (
+            f"--scheduler {self._name}: no worker is there; the sweep waits for one: dask worker {address} --nthreads 1 "
+            "(Ctrl-C ends the waiting)"
+        )
 
     def submit(self, work: Work, chunk: Chunk) -> Future[list[Row]]:
         """Hand out a chunk."""
@@ -222,10 +258,10 @@ def _distributed() -> Any:
     return distributed
 
 
-def workers_of(engine: Engine, work: Work, progress: Progress) -> Workers:
+def workers_of(engine: Engine, work: Work, say: Progress) -> Workers:
     """Return the workers of an engine that is not in this process; raises InputError where it has none of use."""
     check_software(work.software_sha256, work.version)
-    return DaskWorkers(engine.scheduler, work, progress) if engine.name == "dask" else LocalProcesses(engine.jobs)
+    return DaskWorkers(engine.scheduler, work, say) if engine.name == "dask" else LocalProcesses(engine.jobs)
 
 
 def check_engine(engine: Engine) -> None:
@@ -253,7 +289,7 @@ def play_all(workers: Workers, work: Work, chunks: Iterable[Chunk], say: Progres
                     waiting.append((chunk, _submitted(workers, work, chunk)))
                 if not waiting:
                     break
-                rows = waiting[0][1].result()
+                rows = _result(waiting[0][1], workers, say)
             except workers.lost as error:
                 losses += 1
                 if losses >= LOSSES:
@@ -268,6 +304,20 @@ def play_all(workers: Workers, work: Work, chunks: Iterable[Chunk], say: Progres
         ended = True
     finally:
         workers.close(at_once=not ended)
+
+
+def _result(future: Future[list[Row]], workers: Workers, say: Progress) -> list[Row]:
+    """Return the rows of a chunk when they are there; say once why none come where no worker is left."""
+    told = False
+    while True:
+        try:
+            return future.result(LOOK_S)
+        except TimeoutError:
+            if future.done():
+                raise  # the chunk's own
+            if not told and (why := workers.why_idle()):
+                say(why)
+                told = True
 
 
 def _submitted(workers: Workers, work: Work, chunk: Chunk) -> Future[list[Row]]:

@@ -181,6 +181,9 @@ class Lossy:
             future.set_result([Row(k, "", "", 0, "", "", "", np.zeros(0)) for one in chunk for k, _ in one.rows])
         return future
 
+    def why_idle(self) -> str:
+        return ""
+
     def replace_lost(self, error: BaseException) -> None: ...
 
     def close(self, at_once: bool) -> None:

@@ -259,10 +259,10 @@ def test_a_sweep_takes_the_place_of_a_sweep_alone(
 
 def test_a_finished_sweep_of_another_version_is_played_anew(whole: tuple[SweepRequest, Swept]) -> None:
     path, attributes = whole[1].path, whole[1].sweep.attributes
-    assert begin(path, attributes, np.arange(12), figures=1, replace=True, resume=True) is None
+    assert begin(path, attributes, 12, replace=True, resume=True) is None
     newer = attributes | {"software_sha256": "another"}
-    begun = begin(path, newer, np.arange(12), figures=1, replace=True, resume=True)
-    assert begun is not None and begun.rows == {} and not begun.resumed
+    begun = begin(path, newer, 12, replace=True, resume=True)
+    assert begun is not None and not begun.resumed
 
 
 def test_what_runs_share_is_made_once(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

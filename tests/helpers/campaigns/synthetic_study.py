@@ -120,7 +120,7 @@ def tabulate(rows: int, folder: Path, alone: Points) -> Tabulated:
         "seeds": "0:1",
         "plan_sha256": planned.plan.digest(),
     }
-    begun = Begun(folder / "many.h5", about | {"software_sha256": ""}, {}, False)
+    begun = Begun(folder / "many.h5", about | {"software_sha256": ""}, False)
     sweep = as_sweep(points, begun, table)
     write_sweep(begun.path, sweep)
     del table, sweep

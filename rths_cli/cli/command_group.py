@@ -40,7 +40,7 @@ class Commands(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command that is asked for; `rths sweep merge ...` is `rths merge ...`, whose parts sweeps wrote."""
+        """Return the command that is asked for; `rths sweep merge ...` is `rths merge ...`."""
         return super().resolve_command(ctx, args[1:] if args[:2] == ["sweep", "merge"] else args)
 
     def _line(self, ctx: click.Context, name: str) -> str:

@@ -218,8 +218,8 @@ class DaskWorkers:
             return ""
         address = self._client.scheduler.address
         return (
-            f"--scheduler {self._name}: no worker is there; the sweep waits for one: dask worker {address} --nthreads 1 "
-            "(Ctrl-C ends the waiting)"
+            f"--scheduler {self._name}: no worker is there; the sweep waits for one: dask worker {address} "
+            "--nthreads 1 (Ctrl-C ends the waiting)"
         )
 
     def submit(self, work: Work, chunk: Chunk) -> Future[list[Row]]:

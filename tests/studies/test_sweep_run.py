@@ -26,7 +26,7 @@ from rths_cli.studies import sweep as sweep_workflow
 from rths_cli.studies import sweep_runs
 from rths_cli.studies.engines import Engine
 from rths_cli.studies.grid_points import check_points
-from rths_cli.studies.study_plan import Asked
+from rths_cli.studies.study_plan import Asked, read_plan
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
 from rths_cli.studies.sweep_output import begin
 from rths_cli.studies.sweep_runs import Shared, play_variant
@@ -353,6 +353,18 @@ def test_every_fault_of_the_grid_is_told_before_the_first_run(folder: Path, tmp_
         assert words in told, told
     assert "(at grid point scaling=-1, controller=FF, tabel.kind=1 and 1 more)" in told
     assert len(caught.value.faults) == 4 and not (tmp_path / "out").exists()
+
+
+def test_samples_out_of_bounds_are_one_fault_of_their_distribution(folder: Path, tmp_path: Path) -> None:
+    study = tmp_path / "s.yaml"
+    axis = "scaling: {distribution: normal, mean: 0.1, std: 0.2}"
+    study.write_text(f"case: {folder / 'a.yaml'}\naxes: {{{axis}}}\nsamples: {{count: 20}}\n")
+    points = read_plan(Asked(str(study), (), (), None)).plan
+    below = sum(points.values(k)[0] <= 0 for k in range(20))
+    with pytest.raises(InputError) as caught:
+        check_points(Asked(str(study), (), (), None), sweep_runs.Shared((), lambda _: None), lambda _: None)
+    (told,) = caught.value.faults
+    assert "axes.scaling: must be > 0 and <= 100, got -0." in told and f" and {below - 1} more)" in told and below > 2
 
 
 def test_records_that_do_not_exist_are_named_with_their_point(folder: Path, tmp_path: Path) -> None:

@@ -137,23 +137,25 @@ def _reading(path: Path, read: Callable[[h5py.File], T], other: str = "is no fil
     """Apply `read` to the open file of a sweep; every fault of the file is an InputError, with `other` for another."""
     import h5py
 
-    form = None
+    what = ""
     try:
         open_regular(path).close()
         if h5py.is_hdf5(path):
+            what = "an HDF5 file"
             check_heaps(path)
             with h5py.File(path, "r") as file:
                 form = attribute(file, "format")
+                what = "a sweep" if form == FORMAT else ""
                 if form == FORMAT:
                     _check_version(path, attribute(file, "format_version"))
                     return read(file)
     except LayoutError as error:
         raise InputError(f"{path}: {error}, so it is no sweep as rths writes it; run the sweep again.") from error
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file; check the path") from error
     except (OSError, RuntimeError, LookupError, ValueError, TypeError) as error:
-        if isinstance(error, FileNotFoundError):
-            raise InputError(f"{path}: no such file; check the path") from error
-        if form == FORMAT:
-            sentence = "is a sweep that is truncated or damaged and cannot be read; run the sweep again."
+        if what:
+            sentence = f"is {what} that is truncated or damaged and cannot be read; run the sweep again."
             raise InputError(f"{path}: {sentence}") from error
     raise InputError(f"{path}: {other}")
 

@@ -107,7 +107,7 @@ def _absent(parts: dict[Path, _Head]) -> str:
         return "; play the parts that hold them"
     count = counts.pop()
     absent = sorted(set(range(1, int(count) + 1)) - {int(number) for number, _ in told_parts})
-    return f"; play part {_ranges(np.array(absent))} of {count}" if absent else ""
+    return f"; play part{'s' * (len(absent) > 1)} {_ranges(np.array(absent))} of {count}" if absent else ""
 
 
 def _ranges(numbers: NDArray[np.int64]) -> str:

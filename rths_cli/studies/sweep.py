@@ -28,7 +28,7 @@ from rths_cli.studies.engines import AHEAD, ELSEWHERE, Engine, check_engine, exe
 from rths_cli.studies.grid_points import Points, check_points
 from rths_cli.studies.rows_elsewhere import Chunk, PointRows, Work
 from rths_cli.studies.study_plan import Asked
-from rths_cli.studies.sweep_output import Begun, as_line, as_sweep, begin, take_rows
+from rths_cli.studies.sweep_output import Begun, as_line, as_sweep, begin, several_processors, take_rows
 from rths_cli.studies.sweep_runs import Shared, not_ready, play_variant
 from rths_cli.studies.sweep_table import Row, Table, columns
 from rths_cli.studies.varied_keys import seeds_text
@@ -98,8 +98,8 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
         write_csv(request.csv, sweep)
     if replaced := [*([path] if begun is not None and begun.replaces else []), *tables]:
         watcher.message(replaced_sentence(replaced))
-    if len(kinds := sorted(set(sweep.texts["processor"]))) > 1:
-        watcher.message(f"the runs were computed on processors of {len(kinds)} kinds, which may round differently")
+    if several := several_processors(sweep):
+        watcher.message(several)
     return Swept(sweep, path, played, int(sweep.attributes["exit_code"]))
 
 
@@ -152,7 +152,10 @@ def _play(
                     done += 1
                     watcher.doing(_progress(done, count, (time.monotonic() - start) / (done - before)))
         except BaseException:
-            watcher.message(f"{file.close()} of {count} runs are kept; the same command with --resume goes on")
+            if kept := file.close():
+                watcher.message(f"{kept} of {count} runs are kept; the same command with --resume goes on")
+            else:
+                file.remove()
             raise
         sweep = as_sweep(points, begun, rows, None if request.part is None else variants)
         write_sweep(begun.path, sweep)

@@ -153,6 +153,12 @@ def as_sweep(points: Points, begun: Begun, rows: Table, part: NDArray[np.int64] 
     )
 
 
+def several_processors(sweep: Sweep) -> str:
+    """Return a sentence where the runs were computed on processors of several kinds, else nothing."""
+    kinds = len(set(sweep.texts["processor"]))
+    return f"the runs were computed on processors of {kinds} kinds, which may round differently" if kinds > 1 else ""
+
+
 def told(counts: Mapping[str, int]) -> str:
     """Return how many runs ended how."""
     return ", ".join(f"{counts[status]} {status}" for status in sorted(counts))

@@ -28,6 +28,7 @@ from rths_cli.studies.merge import merge_parts
 from rths_cli.studies.rows_elsewhere import Chunk, OtherSoftwareError, PointRows, Work, check_software
 from rths_cli.studies.study_plan import Asked
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
+from rths_cli.studies.sweep_output import several_processors
 from rths_cli.studies.sweep_table import Row
 
 VARIED = ("table.after_identification.coulomb_factor=1,3",)
@@ -146,6 +147,12 @@ def test_parts_in_any_order_give_the_bytes_of_the_whole(
     again = tmp_path / "again.h5"
     again.write_bytes(parts[0].read_bytes())
     assert f"{again}: has rows" in (told := refused(*parts, again)) and f"which {parts[0]} has too" in told
+    other = tmp_path / "other.h5"
+    other.write_bytes(parts[2].read_bytes())
+    with h5py.File(other, "r+") as file:
+        file["processor"][0] = "another"
+    merged, _ = merge_parts([*parts[:2], other], tmp_path / "m.h5", True, "test")
+    assert "on processors of 2 kinds" in several_processors(merged) and not several_processors(inline.sweep)
     assert "is a whole sweep and no part of one" in refused(parts[0], inline.path)
     for name, words in (("plan_sha256", "a sweep of another case"), ("software_sha256", "another version of rths")):
         with h5py.File(again, "r+") as file:

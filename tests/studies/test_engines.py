@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future
 from dataclasses import replace
@@ -21,7 +22,7 @@ from campaigns.study_interruptions import CASE, datasets, write_case
 from rths_cli.case.load import PlacedSettings, written_case
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import read_part, read_sweep, rows_path
-from rths_cli.studies import rows_elsewhere
+from rths_cli.studies import engines, rows_elsewhere
 from rths_cli.studies import sweep as sweep_workflow
 from rths_cli.studies.engines import Engine, Workers, WorkersLostError, play_all
 from rths_cli.studies.merge import merge_parts
@@ -218,6 +219,37 @@ def test_a_row_that_ends_every_worker_is_named(work: Work) -> None:
     with pytest.raises(WorkersLostError, match=r"lost 3 times in a row .* rows 15 to 16"):
         list(play_all(workers, work, chunks(), lambda _: None))
     assert workers.closed == "at once"
+
+
+class Idle(Lossy):
+    """Workers that are not there for the first chunk until a while after somebody asks why."""
+
+    def submit(self, work: Work, chunk: Chunk) -> Future[list[Row]]:
+        found = super().submit(work, chunk)
+        if self.asked == 1:
+            self.first, found = found, Future()
+            self.pending = found
+        return found
+
+    def why_idle(self) -> str:
+        threading.Timer(0.05, lambda: self.pending.set_result(self.first.result())).start()
+        return "no worker is there"
+
+
+def test_a_sweep_without_workers_says_so_once_and_goes_on(work: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "LOOK_S", 0.001)
+    workers, said = Idle(set()), list[str]()
+    assert [row.variant for row in play_all(workers, work, chunks(), said.append)] == list(range(40))
+    assert said == ["no worker is there"]
+
+
+def test_a_chunk_that_times_out_by_itself_is_no_waiting(work: Work) -> None:
+    workers = Lossy(set())
+    broken: Future[list[Row]] = Future()
+    broken.set_exception(TimeoutError("of the chunk"))
+    workers.submit = lambda *_: broken  # type: ignore[method-assign]
+    with pytest.raises(TimeoutError, match="of the chunk"):
+        list(play_all(workers, work, chunks(), lambda _: None))
 
 
 def test_another_version_of_a_worker_is_a_sentence() -> None:

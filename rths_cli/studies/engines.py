@@ -38,6 +38,7 @@ ELSEWHERE = ("processes", "dask")
 AHEAD = 4  # runs or chunks handed out per worker: enough to work on while more are made ready
 LOOK_S = 5.0  # between two looks whether any worker is there; the first is told where there is none
 LOSSES = 3  # in a row without a chunk that ends in between: then a run itself ends its process
+LOGGERS = ("distributed", "distributed.client", "tornado.application")  # of Dask, which log with a traceback
 INSTALL = "pip install 'rths-cli[dask]'"
 START_METHOD = "forkserver" if sys.platform == "linux" else "spawn"  # forked ones import nothing, others do
 PRELOADED = ("rths_cli.studies.rows_elsewhere", "scipy.signal", "h5py")  # what every run needs
@@ -154,7 +155,8 @@ class DaskWorkers:
         self._name = scheduler
         distributed = _distributed()
         self.lost: tuple[type[BaseException], ...] = (CancelledError, distributed.KilledWorker)
-        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is told in a sentence
+        for logger in LOGGERS:  # a lost scheduler is told in a sentence
+            logging.getLogger(logger).setLevel(logging.CRITICAL)
         where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
         try:
             self._client = distributed.Client(**where, set_as_default=False)

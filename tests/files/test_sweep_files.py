@@ -50,6 +50,20 @@ def test_the_file_tells_how_many_rows_are_kept(tmp_path: Path) -> None:
         assert file.close() == 0
 
 
+def test_half_a_row_longer_than_a_block_is_dropped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweep_file, "BLOCK", 16)
+    path = tmp_path / "x.h5.rows"
+    with RowsFile(path, {"plan": "p"}, resume=False) as file:
+        file.append([0, "complete", VALUES])
+        whole = path.read_bytes()
+    path.write_bytes(whole + b"[1, " + b"0.5, " * 20)
+    with RowsFile(path, {}, resume=True) as file:
+        assert path.read_bytes() == whole and file.close() == 1
+    path.write_bytes(b"")
+    with RowsFile(path, {}, resume=True) as file:
+        assert file.close() == 0
+
+
 @pytest.mark.parametrize("text", [b"", b"\n", b"no json\n", b"[1]\n", b'{"format": "other"}\n', b"\xff\n"])
 def test_another_file_is_no_rows(tmp_path: Path, text: bytes) -> None:
     path = tmp_path / "x.rows"

@@ -38,6 +38,7 @@ ROW_MM, AROUND_MM = 9.0, 24.0
 BAR = 0.6
 LABEL_CHARACTERS = {"one": 16, "two": 40}
 PLOT_CHARACTERS = {"one": 54, "two": 120}  # of a value's label, across the axes of a tornado
+VALUE_CHARACTER_POINTS = 3.3  # of a value at a parallel axis
 NAME_CHARACTER_MM, LEAST_CHARACTERS = 1.5, 8  # of the name of a parallel axis; with less room it is written upwards
 
 
@@ -138,7 +139,9 @@ def parallel(sweep: Sweep, width: str, metric: str = "", headed: bool = True) ->
     lines = [np.stack([across, row], axis=1) for row in heights[whole][order]]
     colors = colormaps["viridis"](Normalize(low, high)(middle[shown][whole][order]))
     ax.add_collection(LineCollection(lines, colors=colors, linewidths=0.7, alpha=0.8))
-    for place, (_, ticks) in enumerate([*columns, (last, ((0.0, three(low)), (1.0, three(high))))]):
+    axes = [*columns, (last, ((0.0, three(low)), (1.0, three(high))))]
+    below = max((len(text) for _, ticks in axes for height, text in ticks if height == 0.0), default=0)
+    for place, (_, ticks) in enumerate(axes):
         ax.axvline(place, color=BLACK, lw=0.6)
         for height, text in ticks:
             side = {0.0: (0, -3, "top"), 1.0: (0, 3, "bottom")}.get(height, (0, 0, "center"))
@@ -152,7 +155,7 @@ def parallel(sweep: Sweep, width: str, metric: str = "", headed: bool = True) ->
     ax.grid(False)
     for edge in ("left", "right", "top", "bottom"):
         ax.spines[edge].set_visible(False)
-    ax.tick_params(axis="x", length=0, pad=20.0 if upright else 3.0)  # beyond a number that is written upwards
+    ax.tick_params(axis="x", length=0, pad=VALUE_CHARACTER_POINTS * below if upright else 3.0)
     ax.set(xlim=(-0.4, len(keys) + 0.4), ylim=(-0.08, 1.08))
     told = ["colour: height on the last axis"]
     told += [f"{len(shown)} of {len(middle)} grid points"] if len(shown) < len(middle) else []

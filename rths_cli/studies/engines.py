@@ -83,7 +83,8 @@ class Workers(Protocol):
         """Hand out a chunk."""
 
     def why_idle(self) -> str:
-        """Return why nothing is played at the moment, as a sentence; empty where something is."""
+        """Return why nothing is played at the moment, as a sentence, empty where something is; raises WorkersLostError
+        where nothing ever will."""
 
     def replace_lost(self, error: BaseException) -> None:
         """Start anew after a worker was lost; raises RthsError where that is of no use."""
@@ -164,6 +165,7 @@ class DaskWorkers:
             raise InputError(
                 f"--scheduler {scheduler}: no Dask scheduler answers there ({error}); start one by dask scheduler"
             ) from error
+        self._connection = self._client.scheduler_comm
         try:
             self._await_worker(say)
             self._check(work)
@@ -177,7 +179,7 @@ class DaskWorkers:
     def _await_worker(self, say: Progress) -> None:
         """Wait until a worker is there; say what is missing where that takes long. A cluster may have a queue."""
         told = False
-        while not self._client.nthreads():
+        while not self._threads():
             try:
                 self._client.wait_for_workers(1, timeout=LOOK_S)
             except TimeoutError:
@@ -209,6 +211,10 @@ class DaskWorkers:
         return max(1, self._threads())
 
     def _threads(self) -> int:
+        """Return the number of threads of all workers. A client that is connected anew, as to a scheduler that was
+        restarted, has lost what it waits for."""
+        if self._client.scheduler_comm is not self._connection:
+            raise self._gone()
         try:
             return sum(self._client.nthreads().values())
         except OSError as error:
@@ -317,7 +323,8 @@ def _result(future: Future[list[Row]], workers: Workers, say: Progress) -> list[
         except TimeoutError:
             if future.done():
                 raise  # the chunk's own
-            if not told and (why := workers.why_idle()):
+            why = workers.why_idle()  # raises where all are lost
+            if why and not told:
                 say(why)
                 told = True
 

@@ -69,9 +69,7 @@ def cluster(folder: Path) -> Iterator[tuple[list[str], list[str]]]:
     try:
         yield worker, sweep
     finally:
-        for process in processes:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
+        end(processes)
 
 
 def test_a_study_is_run_stopped_resumed_and_reported_as_the_guide_says(
@@ -133,11 +131,31 @@ def test_a_sweep_waits_for_workers_says_so_and_goes_on_with_one_that_joins_late(
         clustered.append(started(worker, folder))
         code, told = ended(running)
     finally:
-        for process in clustered:
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
+        end(clustered)
     assert code == 0 and "Of 1200 runs: 1200 complete (100 %)." in told, told
+
+
+def test_a_scheduler_that_is_restarted_at_once_ends_the_sweep_and_its_rows_are_kept(folder: Path) -> None:
+    scheduler, worker, sweep = guided(free_port())
+    output = folder / "sweeps" / "robustness.h5"
+    clustered = [started(scheduler, folder), started(worker, folder)]
+    try:
+        running = started([*sweep, "--seeds", str(MANY)], folder)
+        wait_for_rows(running, output)
+        os.killpg(clustered[0].pid, signal.SIGKILL)
+        clustered += [started(scheduler, folder), started(worker, folder)]
+        code, told = ended(running)
+    finally:
+        end(clustered)
+    assert code == 4 and "the connection to the Dask scheduler is lost" in told and "Traceback" not in told, told
+    assert rows_path(output).exists()
+
+
+def end(processes: list[subprocess.Popen[str]]) -> None:
+    for process in processes:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
 
 
 def tasks_left(sweep: list[str]) -> int:

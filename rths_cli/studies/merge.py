@@ -136,26 +136,26 @@ def _joined(paths: Sequence[Path], command_line: str) -> Sweep:
         part = read_part(path)
         place = np.asarray(part.numbers) - 1
         seed[place] = part.seed
-        for key, values in part.varied.items():
-            varied[key][place] = values
-        for name, text in part.texts.items():
-            texts[name][place] = text
-        for name, figure in part.figures.items():
-            figures[name].values[place] = figure.values
+        for key in varied:  # a column leaves the memory when it stands in the whole
+            varied[key][place] = part.varied.pop(key)
+        for name in texts:
+            texts[name][place] = part.texts.pop(name)
+        for name in figures:
+            figures[name].values[place] = part.figures.pop(name).values
         codes.append(int(part.attributes["exit_code"]))
         del part
     ends: dict[str, Attribute] = {
         "created_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "command_line": command_line,
-        "status_reason": told(Counter(texts["status"].tolist())),
+        "status_reason": told(Counter(texts["status"])),
         "exit_code": worst_code(codes),
     }
     return replace(
         first,
         attributes={name: value for name, value in first.attributes.items() if name != PART} | ends,
-        varied={key: values_of_axis(values) for key, values in varied.items()},
+        varied={key: values_of_axis(varied.pop(key)) for key in list(varied)},
         seed=seed,
-        texts={name: tuple(column.tolist()) for name, column in texts.items()},
+        texts={name: tuple(texts.pop(name)) for name in list(texts)},
         figures=figures,
         numbers=None,
     )

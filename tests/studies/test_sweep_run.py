@@ -5,10 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import NoReturn
 
 import h5py
 import numpy as np
@@ -31,7 +31,6 @@ from rths_cli.studies.study_plan import Asked, read_plan
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
 from rths_cli.studies.sweep_output import begin
 from rths_cli.studies.sweep_runs import Shared, play_variant
-from rths_cli.studies.sweep_table import Row
 
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
 WORN = "table.after_identification.coulomb_factor"
@@ -262,11 +261,10 @@ def test_a_sweep_takes_the_place_of_a_sweep_alone(
 def test_a_sweep_that_ends_before_its_first_row_leaves_no_file(
     whole: tuple[SweepRequest, Swept], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def nobody(*_: object) -> Iterator[Row]:
+    def nobody(*_: object) -> NoReturn:
         raise InputError("no Dask scheduler answers there")
-        yield
 
-    monkeypatch.setattr(sweep_workflow, "_rows", nobody)
+    monkeypatch.setattr(sweep_workflow, "executor_here", nobody)
     watcher = Watcher()
     with pytest.raises(InputError, match="no Dask scheduler"):
         run_sweep(replace(whole[0], output=tmp_path / "s.h5"), watcher)

@@ -4,7 +4,8 @@
 
 The first part plans ROWS rows (default 1,000,000) of six axes, four of them correlated samples, goes through all of
 them, fills the table with made-up figures, writes it, reads it back and makes its page; it prints the time and the
-largest memory of a process that does only this. The second samples Ishigami's function and Sobol's g function by
+largest memory of a process that does only this. So it does of a process that joins ten parts of that table, and of one
+that takes the rows of an interrupted sweep. The last part samples Ishigami's function and Sobol's g function by
 `samples.method: sobol_indices` with N = 4096 and 20 seeds; it prints the largest deviation from the known indices in
 bootstrap standard errors, and that of the mean over the seeds in standard errors of the scatter between seeds.
 """
@@ -21,22 +22,63 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
-from campaigns.synthetic_study import deviations, ishigami, one_point, sampled_indices, sobol_g, tabulate
+from campaigns.synthetic_study import (
+    about,
+    deviations,
+    ishigami,
+    kept_rows,
+    one_point,
+    planned,
+    sampled_indices,
+    sobol_g,
+    tabulate,
+    written_parts,
+)
 
-COUNT, SEEDS = 4096, 20
+from rths_cli.report.sweep_page import page
+from rths_cli.studies.merge import merge_parts
+from rths_cli.studies.sweep_output import Begun, take_rows
+from rths_cli.studies.sweep_table import Table
+
+COUNT, SEEDS, PARTS = 4096, 20, 10
 
 
-def million(rows: int) -> None:
+def million(rows: int, folder: Path) -> None:
     """Print time and memory of a study of so many rows."""
     start = time.monotonic()
-    with tempfile.TemporaryDirectory() as folder:
-        found = tabulate(rows, Path(folder), one_point())
-        size = (Path(folder) / "many.h5").stat().st_size
+    found = tabulate(rows, folder, one_point())
+    size = (folder / "many.h5").stat().st_size
+    tell(f"{found.plan.variants} rows planned, tabulated, written and read (file {size / 1e6:.0f} MB)", start)
+
+
+def prepare(rows: int, folder: Path) -> None:
+    """Write the parts of a study, and the rows of an interrupted one."""
+    written_parts(rows, PARTS, folder, one_point())
+    kept_rows(rows, folder, one_point())
+
+
+def join(rows: int, folder: Path) -> None:
+    """Print time and memory of joining the parts."""
+    start = time.monotonic()
+    paths = [folder / f"part{k}.h5" for k in range(1, PARTS + 1)]
+    sweep, _ = merge_parts(paths, folder / "merged.h5", True, "benchmarks/studies.py")
+    page(sweep, folder / "merged.h5")
+    tell(f"{len(sweep.seed)} rows of {PARTS} parts joined", start)
+
+
+def resume(rows: int, folder: Path) -> None:
+    """Print time and memory of taking the rows of an interrupted sweep."""
+    points = planned(rows, folder, one_point())
+    start = time.monotonic()
+    table = Table(points.columns, points.storeys, np.arange(rows))
+    take_rows(Begun(folder / "kept.h5", about(points), True), table)
+    tell(f"{rows - table.left} kept rows taken", start)
+
+
+def tell(what: str, start: float) -> None:
+    """Print what was done since a time, how long it took, and the largest memory of this process."""
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    print(
-        f"{found.plan.variants} rows planned, tabulated, written and read: {time.monotonic() - start:.0f} s, "
-        f"largest memory {peak / 1e6:.0f} MB, file {size / 1e6:.0f} MB"
-    )
+    print(f"{what}: {time.monotonic() - start:.0f} s, largest memory {peak / 1e6:.0f} MB", flush=True)
 
 
 def indices() -> None:
@@ -55,9 +97,18 @@ def indices() -> None:
         )
 
 
-if __name__ == "__main__":
-    process = get_context("spawn").Process(target=million, args=(int(sys.argv[1]) if sys.argv[1:] else 1_000_000,))
-    process.start()
-    process.join()
+def main(rows: int) -> int:
+    """Run each part in a process of its own, return the first exit code that is not 0."""
+    with tempfile.TemporaryDirectory() as name:
+        for part in (million, prepare, join, resume):
+            process = get_context("spawn").Process(target=part, args=(rows, Path(name)))
+            process.start()
+            process.join()
+            if process.exitcode:
+                return process.exitcode
     indices()
-    sys.exit(process.exitcode)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1]) if sys.argv[1:] else 1_000_000))

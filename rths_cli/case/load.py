@@ -131,7 +131,9 @@ def load_study(path: Path) -> tuple[StudyKeys, dict[str, str]]:
         try:
             study = StudyKeys.model_validate(plain(tree))
         except ValidationError as error:
-            faults = [*faults, *(_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors())]
+            unread = {(fault.mark.line, fault.mark.column) for fault in faults}  # told once
+            found = [_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
+            faults = [*faults, *(one for one in found if (one.mark.line, one.mark.column) not in unread)]
     if tree is None or study is None or faults:
         faults = sorted(faults, key=lambda fault: (fault.mark.line, fault.mark.column))
         raise InputError(*dict.fromkeys(str(fault) for fault in faults))

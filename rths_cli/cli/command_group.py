@@ -37,6 +37,12 @@ class Commands(click.Group):
                     with formatter.section(part):
                         formatter.write_dl(shown)
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that is asked for; `rths sweep merge ...` is `rths merge ...`."""
+        return super().resolve_command(ctx, args[1:] if args[:2] == ["sweep", "merge"] else args)
+
     def _line(self, ctx: click.Context, name: str) -> str:
         command = self.get_command(ctx, name)
         return command.get_short_help_str(LONGEST) if command else ""

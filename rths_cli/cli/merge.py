@@ -28,10 +28,13 @@ def merge(parts: tuple[Path, ...], output: Path, no_replace: bool, as_json: bool
     from rths_cli.files.existing_files import replaced_sentence
     from rths_cli.report.sweep_page import document, page
     from rths_cli.studies.merge import merge_parts
+    from rths_cli.studies.sweep_output import several_processors
 
     sweep, replaced = merge_parts(parts, output, not no_replace, command_line())
     if replaced:
         click.echo(replaced_sentence([output]), err=True)
+    if several := several_processors(sweep):
+        click.echo(several, err=True)
     code = int(sweep.attributes["exit_code"])
     if as_json:
         click.echo(json.dumps(document(sweep, output) | {"exit_code": code}, indent=2))

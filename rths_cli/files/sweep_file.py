@@ -114,8 +114,9 @@ def write_sweep(path: Path, sweep: Sweep) -> None:
 
 
 def read_attributes(path: Path) -> dict[str, Attribute]:
-    """Return the root attributes of a sweep's file; raises InputError when it is none."""
-    return _reading(path, attributes)
+    """Return the root attributes of a sweep's file that is to be replaced; raises InputError when it is none."""
+    other = "exists and is no result of a sweep, which alone is replaced; choose another --output"
+    return _reading(path, attributes, other)
 
 
 def read_sweep(path: Path) -> Sweep:
@@ -132,27 +133,31 @@ def read_part(path: Path) -> Sweep:
     return _reading(path, _sweep)
 
 
-def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
-    """Apply `read` to the open file of a sweep; every fault of the file is an InputError."""
+def _reading(path: Path, read: Callable[[h5py.File], T], other: str = "is no file that rths sweep wrote") -> T:
+    """Apply `read` to the open file of a sweep; every fault of the file is an InputError, with `other` for another."""
     import h5py
 
-    form = None
+    what = ""
     try:
         open_regular(path).close()
         if h5py.is_hdf5(path):
+            what = "an HDF5 file"
             check_heaps(path)
             with h5py.File(path, "r") as file:
                 form = attribute(file, "format")
+                what = "a sweep" if form == FORMAT else ""
                 if form == FORMAT:
                     _check_version(path, attribute(file, "format_version"))
                     return read(file)
     except LayoutError as error:
         raise InputError(f"{path}: {error}, so it is no sweep as rths writes it; run the sweep again.") from error
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file; check the path") from error
     except (OSError, RuntimeError, LookupError, ValueError, TypeError) as error:
-        if form == FORMAT:
-            sentence = "is a sweep that is truncated or damaged and cannot be read; run the sweep again."
+        if what:
+            sentence = f"is {what} that is truncated or damaged and cannot be read; run the sweep again."
             raise InputError(f"{path}: {sentence}") from error
-    raise InputError(f"{path}: exists and is no result of a sweep, which alone is replaced; choose another --output")
+    raise InputError(f"{path}: {other}")
 
 
 def _check_version(path: Path, version: Attribute | None) -> None:
@@ -193,7 +198,7 @@ def _sweep(file: h5py.File) -> Sweep:
         texts[name] = tuple(_column(found, name, "OSU", runs))
         del found[name]  # a long column is not kept twice
     varied: dict[str, tuple[Any, ...] | NDArray[Any]] = {
-        key: _values_of_axis(_column(found, key, "OSUf", runs)) for key in keys
+        key: values_of_axis(_column(found, key, "OSUf", runs)) for key in keys
     }
     yaml, resolved = (member(found, name, str) for name in CASE)
     study = member(found, STUDY, str) if STUDY in found else ""
@@ -224,8 +229,9 @@ def _values(node: DatasetID, name: str, spelt: dict[str, str]) -> Any:
     return found
 
 
-def _values_of_axis(column: NDArray[Any]) -> tuple[Any, ...] | NDArray[Any]:
-    """Return the values (n,) of a varied key; many numbers stay an array: each is an object of 24 bytes elsewhere."""
+def values_of_axis(column: NDArray[Any]) -> tuple[Any, ...] | NDArray[Any]:
+    """Return the values (n,) of a varied key as a sweep holds them; many numbers stay an array: each is an object of 24
+    bytes elsewhere."""
     return column if column.dtype.kind == "f" and len(column) > LONG else tuple(column.tolist())
 
 
@@ -363,6 +369,7 @@ def _text(values: tuple[str, ...]) -> NDArray[Any]:
 
 
 ROWS_FORMAT = "rths-sweep-rows"
+BLOCK = 1 << 20  # bytes that are read at a time
 
 
 def rows_path(result: Path) -> Path:
@@ -370,19 +377,49 @@ def rows_path(result: Path) -> Path:
     return result.with_name(f"{result.name}.rows")
 
 
-def read_rows(path: Path) -> tuple[dict[str, Any], list[list[Any]]]:
-    """Return the header and the whole rows of a sweep under way; raise InputError when it is no such file."""
+def read_rows(path: Path) -> tuple[dict[str, Any], Iterator[Any]]:
+    """Return the header and, one at a time, the whole rows of a sweep under way; both raise InputError where the file
+    is none. A million rows are not in memory at once."""
+    lines = _lines(path)
+    header = next(lines, None)
+    if not isinstance(header, dict) or header.get("format") != ROWS_FORMAT:
+        raise InputError(f"{path}: holds no rows of a sweep; remove it and run the sweep anew")
+    return header, lines
+
+
+def _lines(path: Path) -> Iterator[Any]:
     try:
         with open_regular(path) as file:
-            lines = file.read().split(b"\n")[:-1]  # what follows the last newline was being written
-        header, *rows = [json.loads(line) for line in lines]
+            for line in file:
+                if line.endswith(b"\n"):  # what follows the last newline was being written
+                    yield json.loads(line)
     except OSError as error:
         raise InputError(refusal(path, "cannot read", error, advice=False)) from error
     except (ValueError, RecursionError):
         raise InputError(f"{path}: is damaged or holds no rows of a sweep; remove it and run the sweep anew") from None
-    if not isinstance(header, dict) or header.get("format") != ROWS_FORMAT:
-        raise InputError(f"{path}: holds no rows of a sweep; remove it and run the sweep anew")
-    return header, rows
+
+
+def count_rows(path: Path) -> int:
+    """Return the number of whole rows of a sweep under way, 0 where the file is not there."""
+    try:
+        with open(path, "rb") as file:
+            return max(sum(block.count(b"\n") for block in iter(lambda: file.read(BLOCK), b"")) - 1, 0)
+    except OSError:
+        return 0
+
+
+def _end_of_lines(path: Path) -> int:
+    """Return where the last whole line of a file ends, in bytes."""
+    with open(path, "rb") as file:
+        end = file.seek(0, os.SEEK_END)
+        while end:
+            start = max(0, end - BLOCK)
+            file.seek(start)
+            place = file.read(end - start).rfind(b"\n")
+            if place >= 0:
+                return start + place + 1
+            end = start
+    return 0
 
 
 class RowsFile:
@@ -399,8 +436,7 @@ class RowsFile:
         """Open the file: a new one with its header, or after the last whole row of one that exists."""
         try:
             if self._resume:
-                whole = self._path.read_bytes().rpartition(b"\n")
-                os.truncate(self._path, len(whole[0]) + len(whole[1]))
+                os.truncate(self._path, _end_of_lines(self._path))
             self._file = open(self._path, "a" if self._resume else "x", encoding="utf-8")
             if not self._resume:
                 self._write(self._header)
@@ -429,10 +465,7 @@ class RowsFile:
         A signal may arrive between the writing of a row and the next statement, so only the file knows the number.
         """
         self.__exit__(None, None, None)
-        try:
-            return max(self._path.read_bytes().count(b"\n") - 1, 0)
-        except OSError:  # the file was removed: nothing is kept
-            return 0
+        return count_rows(self._path)
 
     def remove(self) -> None:
         """Remove the file: its rows stand in the result."""

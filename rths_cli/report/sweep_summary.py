@@ -3,6 +3,7 @@ metric; text and JSON."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -11,11 +12,13 @@ import numpy as np
 
 from rths_cli.files.sweep_file import NEEDED, Figure, Sweep
 from rths_cli.numerics.lti import Array
+from rths_cli.report.answer import three
 from rths_cli.report.text_layout import Cell, Row, Table, number, render
 
 PERCENTILES = (5, 16, 50, 84, 95)
 MOST_METRICS = 10  # printed; with more, those that every sweep has
 COLUMN = 9
+SMALL = 0.01  # below it four decimals are fewer than three digits
 
 
 def summary(sweep: Sweep) -> dict[str, Any]:
@@ -72,7 +75,12 @@ def _rows(path: str, figure: Figure) -> Iterator[Row]:
     values = figure.values if figure.values.ndim > 1 else figure.values[:, np.newaxis]
     for place, column in enumerate(percentiles(values).T, 1):
         storey = f"[{place}]" if figure.values.ndim > 1 else ""
-        yield Row(f"{path}{storey}", tuple(Cell(number(one) if np.isfinite(one) else "-") for one in column))
+        yield Row(f"{path}{storey}", tuple(Cell(_shown(one)) for one in column))
+
+
+def _shown(value: float) -> str:
+    """Return a number with three digits at least, "-" for none."""
+    return number(value) if math.isfinite(value) and abs(value) >= SMALL else three(value)
 
 
 def _shares(texts: tuple[str, ...], runs: int) -> dict[str, dict[str, float]]:

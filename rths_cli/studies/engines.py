@@ -36,7 +36,9 @@ T = TypeVar("T")
 ENGINES = ("inline", "threads", "processes", "dask")
 ELSEWHERE = ("processes", "dask")
 AHEAD = 4  # runs or chunks handed out per worker: enough to work on while more are made ready
+LOOK_S = 5.0  # between two looks whether any worker is there; the first is told where there is none
 LOSSES = 3  # in a row without a chunk that ends in between: then a run itself ends its process
+LOGGERS = ("distributed", "distributed.client", "tornado.application")  # of Dask, which log with a traceback
 INSTALL = "pip install 'rths-cli[dask]'"
 START_METHOD = "forkserver" if sys.platform == "linux" else "spawn"  # forked ones import nothing, others do
 PRELOADED = ("rths_cli.studies.rows_elsewhere", "scipy.signal", "h5py")  # what every run needs
@@ -80,6 +82,10 @@ class Workers(Protocol):
     def submit(self, work: Work, chunk: Chunk) -> Future[list[Row]]:
         """Hand out a chunk."""
 
+    def why_idle(self) -> str:
+        """Return why nothing is played at the moment, as a sentence, empty where something is; raises WorkersLostError
+        where nothing ever will."""
+
     def replace_lost(self, error: BaseException) -> None:
         """Start anew after a worker was lost; raises RthsError where that is of no use."""
 
@@ -112,6 +118,10 @@ class LocalProcesses:
         """Hand out a chunk."""
         return self._pool.submit(play_chunk, work, chunk)
 
+    def why_idle(self) -> str:
+        """Return nothing: lost processes are replaced at once."""
+        return ""
+
     def replace_lost(self, error: BaseException) -> None:
         """Start other processes: the pool of one that was lost is of no more use."""
         self.close(at_once=True)
@@ -142,11 +152,12 @@ def _end_with(life: Connection) -> None:
 class DaskWorkers:
     """The workers of a Dask scheduler, which itself gives the chunks of lost workers to others."""
 
-    def __init__(self, scheduler: str, work: Work, progress: Progress) -> None:
+    def __init__(self, scheduler: str, work: Work, say: Progress) -> None:
         self._name = scheduler
         distributed = _distributed()
         self.lost: tuple[type[BaseException], ...] = (CancelledError, distributed.KilledWorker)
-        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is told in a sentence
+        for logger in LOGGERS:  # a lost scheduler is told in a sentence
+            logging.getLogger(logger).setLevel(logging.CRITICAL)
         where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
         try:
             self._client = distributed.Client(**where, set_as_default=False)
@@ -154,10 +165,27 @@ class DaskWorkers:
             raise InputError(
                 f"--scheduler {scheduler}: no Dask scheduler answers there ({error}); start one by dask scheduler"
             ) from error
-        progress("waiting for a Dask worker")
-        self._client.wait_for_workers(1)
-        self._check(work)
+        self._connection = self._client.scheduler_comm
+        try:
+            self._await_worker(say)
+            self._check(work)
+        except BaseException as error:
+            self._client.close()
+            if isinstance(error, OSError):
+                raise self._gone() from error
+            raise
         self._pool = self._client.get_executor(pure=False)
+
+    def _await_worker(self, say: Progress) -> None:
+        """Wait until a worker is there; say what is missing where that takes long. A cluster may have a queue."""
+        told = False
+        while not self._threads():
+            try:
+                self._client.wait_for_workers(1, timeout=LOOK_S)
+            except TimeoutError:
+                if not told:
+                    say(self.why_idle())
+                told = True
 
     def _check(self, work: Work) -> None:
         """Raise InputError with a sentence for each worker that runs another software."""
@@ -176,15 +204,31 @@ class DaskWorkers:
 
         faults = {address: told for address, told in self._client.run(differs).items() if told}
         if faults:
-            self._client.close()
             raise InputError(*(f"Dask worker {address}: {told}" for address, told in sorted(faults.items())))
 
     def count(self) -> int:
         """Return the number of threads of all workers that are there now."""
+        return max(1, self._threads())
+
+    def _threads(self) -> int:
+        """Return the number of threads of all workers. A client that is connected anew, as to a scheduler that was
+        restarted, has lost what it waits for."""
+        if self._client.scheduler_comm is not self._connection:
+            raise self._gone()
         try:
-            return max(1, sum(self._client.nthreads().values()))
+            return sum(self._client.nthreads().values())
         except OSError as error:
             raise self._gone() from error
+
+    def why_idle(self) -> str:
+        """Return that no worker is there, and how to start one."""
+        if self._threads():
+            return ""
+        address = self._client.scheduler.address
+        return (
+            f"--scheduler {self._name}: no worker is there; the sweep waits for one: dask worker {address} "
+            "--nthreads 1 (Ctrl-C ends the waiting)"
+        )
 
     def submit(self, work: Work, chunk: Chunk) -> Future[list[Row]]:
         """Hand out a chunk."""
@@ -222,10 +266,10 @@ def _distributed() -> Any:
     return distributed
 
 
-def workers_of(engine: Engine, work: Work, progress: Progress) -> Workers:
+def workers_of(engine: Engine, work: Work, say: Progress) -> Workers:
     """Return the workers of an engine that is not in this process; raises InputError where it has none of use."""
     check_software(work.software_sha256, work.version)
-    return DaskWorkers(engine.scheduler, work, progress) if engine.name == "dask" else LocalProcesses(engine.jobs)
+    return DaskWorkers(engine.scheduler, work, say) if engine.name == "dask" else LocalProcesses(engine.jobs)
 
 
 def check_engine(engine: Engine) -> None:
@@ -253,7 +297,7 @@ def play_all(workers: Workers, work: Work, chunks: Iterable[Chunk], say: Progres
                     waiting.append((chunk, _submitted(workers, work, chunk)))
                 if not waiting:
                     break
-                rows = waiting[0][1].result()
+                rows = _result(waiting[0][1], workers, say)
             except workers.lost as error:
                 losses += 1
                 if losses >= LOSSES:
@@ -268,6 +312,21 @@ def play_all(workers: Workers, work: Work, chunks: Iterable[Chunk], say: Progres
         ended = True
     finally:
         workers.close(at_once=not ended)
+
+
+def _result(future: Future[list[Row]], workers: Workers, say: Progress) -> list[Row]:
+    """Return the rows of a chunk when they are there; say once why none come where no worker is left."""
+    told = False
+    while True:
+        try:
+            return future.result(LOOK_S)
+        except TimeoutError:
+            if future.done():
+                raise  # the chunk's own
+            why = workers.why_idle()  # raises where all are lost
+            if why and not told:
+                say(why)
+                told = True
 
 
 def _submitted(workers: Workers, work: Work, chunk: Chunk) -> Future[list[Row]]:

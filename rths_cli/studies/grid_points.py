@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -104,7 +105,7 @@ def _point_case(asked: Asked, planned: Planned, point: int) -> Case:
 
 def _setups(asked: Asked, planned: Planned, shared: Shared, progress: Progress) -> Iterator[Setup]:
     """Yield the setup of every point; raise InputError with all faults in the end, or when there are very many."""
-    faults: dict[str, list[int]] = {}
+    faults: dict[str, tuple[str, list[int]]] = {}
     plan = planned.plan
     for point in range(plan.points):
         progress(f"reading grid point {point + 1} of {plan.points}")
@@ -112,11 +113,12 @@ def _setups(asked: Asked, planned: Planned, shared: Shared, progress: Progress) 
             yield shared.setup(_point_case(asked, planned, point))
         except InputError as error:
             for fault in error.faults:
-                faults.setdefault(_as_varied(fault, plan), []).append(point)
-            if sum(map(len, faults.values())) >= FAULTY:
+                told = _as_varied(fault, plan)
+                faults.setdefault(_kind(told, plan), (told, []))[1].append(point)
+            if sum(len(points) for _, points in faults.values()) >= FAULTY:
                 break
     if faults:
-        raise InputError(*_told(faults, plan))
+        raise InputError(*_told(list(faults.values()), plan))
 
 
 def _still_unread(before: dict[str, str] | None, case: Case, plan: Plan) -> dict[str, str]:
@@ -162,9 +164,15 @@ def _as_varied(fault: str, plan: Plan) -> str:
     return fault
 
 
-def _told(faults: dict[str, list[int]], plan: Plan) -> Iterator[str]:
+def _kind(fault: str, plan: Plan) -> str:
+    """Return what tells a fault from others: of a sampled axis, its sentence without the sample's value."""
+    sampled = any(axis.sampled and fault.startswith(axis.name) for axis in plan.axes)
+    return re.sub(r"got [^;]*", "got", fault) if sampled else fault
+
+
+def _told(faults: list[tuple[str, list[int]]], plan: Plan) -> Iterator[str]:
     """Yield each fault once, with the first point it is at and how many more."""
-    for fault, points in list(faults.items())[:LISTED]:
+    for fault, points in faults[:LISTED]:
         others = f" and {len(points) - 1} more" if len(points) > 1 else ""
         yield fault if len(points) == plan.points else f"{fault} (at grid point {plan.label(points[0])}{others})"
     if len(faults) > LISTED:

@@ -39,6 +39,11 @@ class Axis:
         """Return how faults name the axis."""
         return self.label or f"--vary {self.key}"
 
+    @property
+    def sampled(self) -> bool:
+        """Tell whether the values are samples of numbers."""
+        return isinstance(self.values, np.ndarray) and self.values.dtype.kind == "f"
+
     def value(self, place: int) -> Any:
         """Return one value."""
         found = self.values[place]

@@ -91,7 +91,12 @@ def _case_of(study: StudyKeys, path: Path) -> WrittenCase:
         beside = Path(os.path.expanduser(study.case))
         name = study.case if beside.is_absolute() else os.path.join(path.parent, study.case)
         tried = (name, *(f"{name}{suffix}" for suffix in (".yaml", ".yml")))
-        return read_case(next((each for each in tried if os.path.isfile(each)), study.case))
+        if found := next((each for each in tried if os.path.isfile(each)), None):
+            return read_case(found)
+        try:
+            return read_case(study.case)
+        except InputError as error:
+            raise InputError(*(f"{path.name}: case: {fault}" for fault in error.faults)) from error
     return written_case(dump(_plain({"name": study.name or path.stem} | dict(study.case))), path.absolute())
 
 

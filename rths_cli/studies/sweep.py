@@ -28,9 +28,9 @@ from rths_cli.studies.engines import AHEAD, ELSEWHERE, Engine, check_engine, exe
 from rths_cli.studies.grid_points import Points, check_points
 from rths_cli.studies.rows_elsewhere import Chunk, PointRows, Work
 from rths_cli.studies.study_plan import Asked
-from rths_cli.studies.sweep_output import Begun, as_line, as_sweep, begin
+from rths_cli.studies.sweep_output import Begun, as_line, as_sweep, begin, several_processors, take_rows
 from rths_cli.studies.sweep_runs import Shared, not_ready, play_variant
-from rths_cli.studies.sweep_table import Row, Table, columns, width
+from rths_cli.studies.sweep_table import Row, Table, columns
 from rths_cli.studies.varied_keys import seeds_text
 from rths_cli.version import __version__
 
@@ -82,19 +82,24 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     if request.csv is not None:
         tables = check_existing([(request.csv, Kind.DOCUMENT)], request.replace)
         check_csv(request.csv, path)
-    begun = begin(path, about, variants, width(points.columns, points.storeys), request.replace, request.resume)
+    begun = begin(path, about, len(variants), request.replace, request.resume)
     if request.csv is not None:
         check_writable(request.csv.parent)
-    played = 0 if begun is None else len(variants) - len(begun.rows)
-    if begun is not None:
-        _tell(points, begun, len(variants), watcher)
-    sweep = read_part(path) if begun is None else _play(points, shared, begun, variants, request, watcher)
+    played = 0
+    if begun is None:
+        sweep = read_part(path)
+    else:
+        rows = Table(points.columns, points.storeys, variants)
+        take_rows(begun, rows)
+        played = rows.left
+        _tell(points, begun, rows, len(variants), watcher)
+        sweep = _play(points, shared, begun, rows, variants, request, watcher)
     if request.csv is not None:
         write_csv(request.csv, sweep)
     if replaced := [*([path] if begun is not None and begun.replaces else []), *tables]:
         watcher.message(replaced_sentence(replaced))
-    if len(kinds := sorted(set(sweep.texts["processor"]))) > 1:
-        watcher.message(f"the runs were computed on processors of {len(kinds)} kinds, which may round differently")
+    if several := several_processors(sweep):
+        watcher.message(several)
     return Swept(sweep, path, played, int(sweep.attributes["exit_code"]))
 
 
@@ -131,14 +136,12 @@ def _attributes(points: Points, command_line: str) -> dict[str, str | int | floa
 
 
 def _play(
-    points: Points, shared: Shared, begun: Begun, variants: NDArray[np.int64], request: SweepRequest, watcher: Watcher
-) -> Sweep:
+    points: Points, shared: Shared, begun: Begun, rows: Table, variants: NDArray[np.int64], request: SweepRequest,
+    watcher: Watcher,
+) -> Sweep:  # fmt: skip
     """Play the runs that are left, keep each row at once, and write the table when all are there."""
     count = len(variants)
-    rows = Table(points.columns, points.storeys, variants)
-    for row in begun.rows.values():
-        rows.add(row)
-    start, before = time.monotonic(), len(begun.rows)
+    start, before = time.monotonic(), count - rows.left
     done = before
     with RowsFile(rows_path(begun.path), begun.attributes, begun.resumed) as file:
         try:
@@ -149,7 +152,10 @@ def _play(
                     done += 1
                     watcher.doing(_progress(done, count, (time.monotonic() - start) / (done - before)))
         except BaseException:
-            watcher.message(f"{file.close()} of {count} runs are kept; the same command with --resume goes on")
+            if kept := file.close():
+                watcher.message(f"{kept} of {count} runs are kept; the same command with --resume goes on")
+            else:
+                file.remove()
             raise
         sweep = as_sweep(points, begun, rows, None if request.part is None else variants)
         write_sweep(begun.path, sweep)
@@ -157,7 +163,7 @@ def _play(
     return sweep
 
 
-def _tell(points: Points, begun: Begun, count: int, watcher: Watcher) -> None:
+def _tell(points: Points, begun: Begun, rows: Table, count: int, watcher: Watcher) -> None:
     """Say what a user should know before the first run."""
     for doubt in points.doubts:
         watcher.warning(doubt)
@@ -166,7 +172,7 @@ def _tell(points: Points, begun: Begun, count: int, watcher: Watcher) -> None:
     if left:
         watcher.message(f"note: a sweep does not compute {', '.join(left)}: the accept limits on that are not judged")
     if begun.resumed:
-        watcher.message(f"{len(begun.rows)} of {count} runs were played before")
+        watcher.message(f"{count - rows.left} of {count} runs were played before")
 
 
 def _progress(done: int, count: int, each_s: float) -> str:
@@ -227,7 +233,7 @@ def _rows_elsewhere(
     with suppress(RthsError):  # the rows say so
         shared.identify(points.case(first[0]))
     work = _work(points, request.overrides)
-    workers = workers_of(request.engine, work, watcher.doing)
+    workers = workers_of(request.engine, work, watcher.message)
     size = min(LONGEST_CHUNK, max(1, rows.left // (CHUNKS_PER_WORKER * workers.count())))
     yield from play_all(workers, work, _chunks(points, rows, size), watcher.message)
 

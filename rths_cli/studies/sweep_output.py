@@ -15,7 +15,15 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.run_case import worst_code
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import check_writable
-from rths_cli.files.sweep_file import Figure, Sweep, read_attributes, read_rows, rows_path, stored_values
+from rths_cli.files.sweep_file import (
+    Figure,
+    Sweep,
+    count_rows,
+    read_attributes,
+    read_rows,
+    rows_path,
+    stored_values,
+)
 from rths_cli.studies.sweep_table import Row
 
 if TYPE_CHECKING:
@@ -26,59 +34,63 @@ if TYPE_CHECKING:
 
 IDENTITY = ("plan_sha256", "software_sha256", "part")
 OTHER = "another sweep (case, grid, options, part or version of rths differ)"
+STRANGE = "holds rows that are not of this sweep; remove it and run the sweep anew"
 ELSEWHERE = "choose another --output, or remove the file"
 BYTES_PER_RUN = 3000  # of rows and result file, for the check of free space
 
 
 @dataclass(frozen=True)
 class Begun:
-    """A sweep about to be played: the root attributes of its file, and the rows that an earlier start has played."""
+    """A sweep about to be played: the root attributes of its file, and whether an earlier start has played rows."""
 
     path: Path
     attributes: dict[str, Any]
-    rows: dict[int, Row]
     resumed: bool
     replaces: bool = False  # a finished file
 
 
-def begin(
-    path: Path, attributes: dict[str, Any], runs: NDArray[np.int64], figures: int, replace: bool, resume: bool
-) -> Begun | None:
-    """Return what is to be played, None when the file is whole and `resume` asks for what is left of it.
-
-    `runs` (n,): their numbers in ascending order; `figures`: how many numbers the row of one run has.
+def begin(path: Path, attributes: dict[str, Any], runs: int, replace: bool, resume: bool) -> Begun | None:
+    """Return the sweep of so many runs to be played, None when the file is whole and `resume` asks for what is left.
 
     Raises InputError where the file cannot be written or would replace what it must not.
     """
     if path.is_dir():
         raise InputError(f"--output {path}: is a folder; give the name of a file in it")
-    begun = _under_way(path, attributes, runs, figures, resume) if rows_path(path).exists() else None
+    begun = _under_way(path, attributes, resume) if rows_path(path).exists() else None
     if begun is None and path.exists() and _is_whole(path, attributes, resume):
         return None
     if begun is None:
         check_existing([(path, Kind.SWEEP)], replace)
-    check_writable(path.parent, BYTES_PER_RUN * len(runs))
-    return begun or Begun(path, attributes, {}, False, path.exists())
+    check_writable(path.parent, BYTES_PER_RUN * runs)
+    return begun or Begun(path, attributes, False, path.exists())
 
 
-def _under_way(path: Path, attributes: Mapping[str, Any], runs: NDArray[np.int64], figures: int, resume: bool) -> Begun:
-    """Return the sweep of these runs, each of so many figures, whose rows stand beside the file."""
+def _under_way(path: Path, attributes: Mapping[str, Any], resume: bool) -> Begun:
+    """Return the sweep whose rows stand beside the file."""
     place = rows_path(path)
-    stored, lines = read_rows(place)
+    stored, _ = read_rows(place)
     if any(stored.get(name) != attributes.get(name) for name in IDENTITY):
-        raise InputError(f"{place}: holds {len(lines)} runs of {OTHER}; {ELSEWHERE}")
+        raise InputError(f"{place}: holds {count_rows(place)} runs of {OTHER}; {ELSEWHERE}")
     if not resume:
         raise InputError(
-            f"{place}: holds {len(lines)} runs of this sweep, which was interrupted; add --resume to go on, or remove "
-            "the file to begin anew"
+            f"{place}: holds {count_rows(place)} runs of this sweep, which was interrupted; add --resume to go on, or "
+            "remove the file to begin anew"
         )
     begun = {name: value for name, value in stored.items() if name != "format"}
-    if _types(begun) != _types(attributes) or not all(_is_row(line, figures) for line in lines):
-        raise InputError(f"{place}: holds rows that are not of this sweep; remove it and run the sweep anew")
-    rows = [_row(line) for line in lines]
-    if not np.isin([row.variant for row in rows], runs).all():
-        raise InputError(f"{place}: holds rows that are not of this sweep; remove it and run the sweep anew")
-    return Begun(path, begun, {row.variant: row for row in rows}, True)
+    if _types(begun) != _types(attributes):
+        raise InputError(f"{place}: {STRANGE}")
+    return Begun(path, begun, True)
+
+
+def take_rows(begun: Begun, rows: Table) -> None:
+    """Put the rows that an earlier start has played into the table; raises InputError for one of another sweep."""
+    if not begun.resumed:
+        return
+    place = rows_path(begun.path)
+    for line in read_rows(place)[1]:
+        if not (_is_row(line, rows.width) and rows.has(line[0])):
+            raise InputError(f"{place}: {STRANGE}")
+        rows.add(_row(line))
 
 
 def _types(attributes: Mapping[str, Any]) -> dict[str, type]:
@@ -139,6 +151,12 @@ def as_sweep(points: Points, begun: Begun, rows: Table, part: NDArray[np.int64] 
         study.read_text(encoding="utf-8-sig") if study else "",
         None if part is None else part + 1,
     )
+
+
+def several_processors(sweep: Sweep) -> str:
+    """Return a sentence where the runs were computed on processors of several kinds, else nothing."""
+    kinds = len(set(sweep.texts["processor"]))
+    return f"the runs were computed on processors of {kinds} kinds, which may round differently" if kinds > 1 else ""
 
 
 def told(counts: Mapping[str, int]) -> str:

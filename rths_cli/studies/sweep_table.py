@@ -123,13 +123,22 @@ class Table:
         """Return how many rows are not there yet."""
         return int(np.count_nonzero(~self._done))
 
+    @property
+    def width(self) -> int:
+        """Return how many numbers a row has."""
+        return self._numbers.shape[1]
+
+    def has(self, variant: int) -> bool:
+        """Tell whether a run belongs to the table."""
+        place = self._place(variant)
+        return place < len(self._variants) and bool(self._variants[place] == variant)
+
     def _place(self, variant: int) -> int:
         return int(np.searchsorted(self._variants, variant))
 
     def lacks(self, variant: int) -> bool:
         """Tell whether a run belongs to the table and is not there yet."""
-        place = self._place(variant)
-        return place < len(self._variants) and self._variants[place] == variant and not self._done[place]
+        return self.has(variant) and not self._done[self._place(variant)]
 
     @property
     def texts(self) -> dict[str, tuple[str, ...]]:

@@ -46,6 +46,14 @@ def test_json_is_one_document_and_a_refused_run_is_exit_code_1(folder: Path) -> 
     assert len((folder / "t.csv").read_text().splitlines()) == 5
 
 
+def test_sweep_merge_is_merge(tmp_path: Path) -> None:
+    done = rths("sweep", "merge", "none.h5", "--output", "whole.h5", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (2, "none.h5: no such file; check the path\n")
+    (tmp_path / "none.h5").write_text("no sweep")
+    done = rths("merge", "none.h5", "--output", "whole.h5", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (2, "none.h5: is no file that rths sweep wrote\n")
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_sweep_that_is_killed_goes_on(folder: Path, number: int, code: int) -> None:
     words = ("sweep", "a.yaml", "--seeds", "100000", "--output", "out/s.h5")

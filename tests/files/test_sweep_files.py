@@ -22,12 +22,13 @@ def test_rows_read_back_to_the_last_bit_and_half_a_line_is_dropped(tmp_path: Pat
     assert rows_path(tmp_path / "x.h5") == path
     with RowsFile(path, {"plan": "p"}, resume=False) as file:
         file.append([0, "complete", VALUES])
-        assert len(read_rows(path)[1]) == 1  # it is on its way to the disk before the next run ends
+        assert len([*read_rows(path)[1]]) == 1  # it is on its way to the disk before the next run ends
         file.append([1, "refused", []])
     whole = path.read_bytes()
     for cut in range(1, len(whole.splitlines(keepends=True)[-1])):
         path.write_bytes(whole[:-cut])
-        header, rows = read_rows(path)
+        header, lines = read_rows(path)
+        rows = [*lines]
         assert header["plan"] == "p" and len(rows) == 1
         assert np.array(rows[0][2]).tobytes() == np.array(VALUES).tobytes()
     with RowsFile(path, {}, resume=True) as file:
@@ -43,9 +44,23 @@ def test_the_file_tells_how_many_rows_are_kept(tmp_path: Path) -> None:
             file.append([variant, "complete", VALUES])
         with path.open("ab") as half:
             half.write(b"[3, ")
-        assert file.close() == len(read_rows(path)[1]) == 3
+        assert file.close() == len([*read_rows(path)[1]]) == 3
     with RowsFile(path, {}, resume=True) as file:
         path.unlink()
+        assert file.close() == 0
+
+
+def test_half_a_row_longer_than_a_block_is_dropped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweep_file, "BLOCK", 16)
+    path = tmp_path / "x.h5.rows"
+    with RowsFile(path, {"plan": "p"}, resume=False) as file:
+        file.append([0, "complete", VALUES])
+        whole = path.read_bytes()
+    path.write_bytes(whole + b"[1, " + b"0.5, " * 20)
+    with RowsFile(path, {}, resume=True) as file:
+        assert path.read_bytes() == whole and file.close() == 1
+    path.write_bytes(b"")
+    with RowsFile(path, {}, resume=True) as file:
         assert file.close() == 0
 
 

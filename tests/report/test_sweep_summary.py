@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -52,6 +53,12 @@ def test_shares_count_all_runs_and_percentiles_those_that_have_the_metric() -> N
     assert found["metrics"][STOREYS]["percentiles"]["84"] == pytest.approx([84.0, 840.0])
     assert found["metrics"][STOREYS]["runs"] == [101, 101]
     assert list(found["metrics"][MARGIN]["percentiles"].values()) == [2.0, 2.0, 2.0, 2.0, None]  # infinite
+
+
+def test_small_percentiles_have_three_digits() -> None:
+    small = made().figures | {TRACKING: Figure(made().figures[TRACKING].values / 3e5, "m/s^2", "t")}
+    rows = [line.replace("|", " ").split() for line in summary_text(replace(made(), figures=small))[-1].splitlines()]
+    assert [TRACKING, "1.67e-05", "5.33e-05", "0.000167", "0.000280", "0.000317"] in rows
 
 
 def test_no_run_with_the_metric_gives_none() -> None:

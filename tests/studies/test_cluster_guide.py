@@ -9,8 +9,10 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -67,9 +69,7 @@ def cluster(folder: Path) -> Iterator[tuple[list[str], list[str]]]:
     try:
         yield worker, sweep
     finally:
-        for process in processes:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
+        end(processes)
 
 
 def test_a_study_is_run_stopped_resumed_and_reported_as_the_guide_says(
@@ -84,6 +84,7 @@ def test_a_study_is_run_stopped_resumed_and_reported_as_the_guide_says(
     assert code == 130 and "the same command with --resume goes on" in told, told
     kept = rows_path(output).read_text().count("\n") - 1
     assert KEPT <= kept < 2 * SEEDS and not output.exists()
+    assert tasks_left(sweep) == 0
 
     code, told = ended(started([*sweep, "--resume"], folder))
     assert code == 0 and f"{kept} of {2 * SEEDS} runs were played before" in told, told
@@ -114,6 +115,72 @@ def test_a_worker_of_another_version_that_joins_late_is_told(
         late.communicate()
     assert code == 2 and "a worker runs rths 9.9, this process rths" in told, told
     assert "Traceback" not in told and rows_path(output).exists()
+
+
+def test_a_sweep_waits_for_workers_says_so_and_goes_on_with_one_that_joins_late(folder: Path) -> None:
+    scheduler, worker, sweep = guided(free_port())
+    output, missing = folder / "sweeps" / "robustness.h5", "no worker is there; the sweep waits for one: dask worker"
+    clustered = [started(scheduler, folder)]
+    try:
+        running = started([*sweep, "--seeds", "600"], folder)
+        wait_for_words(running, missing)
+        clustered.append(started(worker, folder))
+        wait_for_rows(running, output)
+        os.killpg(clustered[-1].pid, signal.SIGKILL)
+        wait_for_words(running, missing)
+        clustered.append(started(worker, folder))
+        code, told = ended(running)
+    finally:
+        end(clustered)
+    assert code == 0 and "Of 1200 runs: 1200 complete (100 %)." in told, told
+
+
+def test_a_scheduler_that_is_restarted_at_once_ends_the_sweep_and_its_rows_are_kept(folder: Path) -> None:
+    scheduler, worker, sweep = guided(free_port())
+    output = folder / "sweeps" / "robustness.h5"
+    clustered = [started(scheduler, folder), started(worker, folder)]
+    try:
+        running = started([*sweep, "--seeds", str(MANY)], folder)
+        wait_for_rows(running, output)
+        os.killpg(clustered[0].pid, signal.SIGKILL)
+        clustered += [started(scheduler, folder), started(worker, folder)]
+        code, told = ended(running)
+    finally:
+        end(clustered)
+    assert code == 4 and "the connection to the Dask scheduler is lost" in told and "Traceback" not in told, told
+    assert rows_path(output).exists()
+
+
+def end(processes: list[subprocess.Popen[str]]) -> None:
+    for process in processes:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+def tasks_left(sweep: list[str]) -> int:
+    """Return how many tasks the scheduler of a sweep still has, a minute after at most."""
+    import distributed
+
+    with distributed.Client(sweep[-1], set_as_default=False) as client:
+        for _ in range(60):
+            left = int(client.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)))
+            if not left:
+                break
+            time.sleep(1.0)
+    return left
+
+
+def wait_for_words(process: subprocess.Popen[str], words: str) -> None:
+    """Read what a command says until these words are there."""
+    assert process.stderr is not None
+    killer = threading.Timer(LIMIT_S, process.kill)
+    killer.start()
+    told = [""]
+    while words not in told[-1] and (line := process.stderr.readline()):
+        told.append(line)
+    killer.cancel()
+    assert words in told[-1], told
 
 
 def wait_for_rows(process: subprocess.Popen[str], output: Path) -> None:

@@ -21,13 +21,14 @@ from campaigns.study_interruptions import CASE, datasets, write_case
 from rths_cli.case.load import PlacedSettings, written_case
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import read_part, read_sweep, rows_path
-from rths_cli.studies import rows_elsewhere
+from rths_cli.studies import engines, rows_elsewhere
 from rths_cli.studies import sweep as sweep_workflow
 from rths_cli.studies.engines import Engine, Workers, WorkersLostError, play_all
 from rths_cli.studies.merge import merge_parts
 from rths_cli.studies.rows_elsewhere import Chunk, OtherSoftwareError, PointRows, Work, check_software
 from rths_cli.studies.study_plan import Asked
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
+from rths_cli.studies.sweep_output import several_processors
 from rths_cli.studies.sweep_table import Row
 
 VARIED = ("table.after_identification.coulomb_factor=1,3",)
@@ -146,6 +147,12 @@ def test_parts_in_any_order_give_the_bytes_of_the_whole(
     again = tmp_path / "again.h5"
     again.write_bytes(parts[0].read_bytes())
     assert f"{again}: has rows" in (told := refused(*parts, again)) and f"which {parts[0]} has too" in told
+    other = tmp_path / "other.h5"
+    other.write_bytes(parts[2].read_bytes())
+    with h5py.File(other, "r+") as file:
+        file["processor"][0] = "another"
+    merged, _ = merge_parts([*parts[:2], other], tmp_path / "m.h5", True, "test")
+    assert "on processors of 2 kinds" in several_processors(merged) and not several_processors(inline.sweep)
     assert "is a whole sweep and no part of one" in refused(parts[0], inline.path)
     for name, words in (("plan_sha256", "a sweep of another case"), ("software_sha256", "another version of rths")):
         with h5py.File(again, "r+") as file:
@@ -181,6 +188,9 @@ class Lossy:
             future.set_result([Row(k, "", "", 0, "", "", "", np.zeros(0)) for one in chunk for k, _ in one.rows])
         return future
 
+    def why_idle(self) -> str:
+        return ""
+
     def replace_lost(self, error: BaseException) -> None: ...
 
     def close(self, at_once: bool) -> None:
@@ -208,6 +218,41 @@ def test_a_row_that_ends_every_worker_is_named(work: Work) -> None:
     with pytest.raises(WorkersLostError, match=r"lost 3 times in a row .* rows 15 to 16"):
         list(play_all(workers, work, chunks(), lambda _: None))
     assert workers.closed == "at once"
+
+
+class Idle(Lossy):
+    """Workers that are not there for the first chunk until somebody asks why for the third time."""
+
+    looks = 0
+
+    def submit(self, work: Work, chunk: Chunk) -> Future[list[Row]]:
+        found = super().submit(work, chunk)
+        if self.asked == 1:
+            self.first, found = found, Future()
+            self.pending = found
+        return found
+
+    def why_idle(self) -> str:
+        self.looks += 1
+        if self.looks == 3:
+            self.pending.set_result(self.first.result())
+        return "no worker is there"
+
+
+def test_a_sweep_without_workers_says_so_once_and_goes_on(work: Work, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "LOOK_S", 0.001)
+    workers, said = Idle(set()), list[str]()
+    assert [row.variant for row in play_all(workers, work, chunks(), said.append)] == list(range(40))
+    assert said == ["no worker is there"] and workers.looks == 3
+
+
+def test_a_chunk_that_times_out_by_itself_is_no_waiting(work: Work) -> None:
+    workers = Lossy(set())
+    broken: Future[list[Row]] = Future()
+    broken.set_exception(TimeoutError("of the chunk"))
+    workers.submit = lambda *_: broken  # type: ignore[method-assign]
+    with pytest.raises(TimeoutError, match="of the chunk"):
+        list(play_all(workers, work, chunks(), lambda _: None))
 
 
 def test_another_version_of_a_worker_is_a_sentence() -> None:

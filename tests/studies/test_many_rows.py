@@ -3,31 +3,74 @@
 from __future__ import annotations
 
 import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
-from campaigns.synthetic_study import Tabulated, one_point, tabulate
+from campaigns.synthetic_study import Tabulated, kept_rows, one_point, planned, tabulate, written_parts
 
 from rths_cli.files import sweep_file
+from rths_cli.files.sweep_file import Sweep, rows_path
+from rths_cli.report.sweep_page import page
+from rths_cli.studies.merge import merge_parts
+from rths_cli.studies.sweep_output import take_rows
+from rths_cli.studies.sweep_table import Table
 
-ROWS = 6_400
+T = TypeVar("T")
+ROWS, PARTS = 6_400, 8
 MOST_BYTES_PER_ROW = 700  # a million rows and the process itself then stay below 1 GB
 
 
 def test_memory_grows_by_less_than_1_gb_per_million_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sweep_file, "BATCH_VALUES", ROWS)
     alone = one_point()
-    tabulate(80, tmp_path, alone)  # imports
-    peaks = {}
-    for rows in (ROWS // 4, ROWS):
-        tracemalloc.start()
-        found = tabulate(rows, tmp_path, alone)
-        peaks[rows] = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-    grown = (peaks[ROWS] - peaks[ROWS // 4]) / (ROWS - ROWS // 4)
+    found, grown = growth(lambda rows: partial(tabulate, rows, tmp_path, alone))
     assert grown < MOST_BYTES_PER_ROW, f"{grown:.0f} bytes per row"
     agree(found)
+
+
+def test_parts_are_joined_in_less_memory_than_that(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweep_file, "BATCH_VALUES", ROWS)
+    alone = one_point()
+
+    def ready(rows: int) -> Callable[[], tuple[Sweep, bool]]:
+        paths = written_parts(rows, PARTS, tmp_path, alone)
+        return lambda: merge_parts(paths[::-1], tmp_path / "many.h5", True, "test")
+
+    (merged, _), grown = growth(ready)
+    assert grown < MOST_BYTES_PER_ROW, f"{grown:.0f} bytes per row"
+    agree(Tabulated(planned(ROWS, tmp_path, alone).plan, merged, page(merged, tmp_path / "many.h5")))
+
+
+def test_kept_rows_are_taken_one_at_a_time(tmp_path: Path) -> None:
+    alone = one_point()
+    tables: list[Table] = []
+
+    def ready(rows: int) -> Callable[[], None]:
+        begun, table = kept_rows(rows, tmp_path, alone)
+        tables.append(table)
+        rows_path(begun.path).replace(rows_path(tmp_path / f"{rows}.h5"))
+        return lambda: take_rows(replace(begun, path=tmp_path / f"{rows}.h5"), table)
+
+    _, grown = growth(ready)
+    assert tables[-1].left == 10 and grown < 20, f"{grown:.0f} bytes per row beside the table"
+
+
+def growth(ready: Callable[[int], Callable[[], T]]) -> tuple[T, float]:
+    """Return what a call for ROWS rows returns, and by how many bytes per row the largest memory of it grows."""
+    ready(80)()  # imports
+    peaks = {}
+    for rows in (ROWS // 4, ROWS):
+        call = ready(rows)
+        tracemalloc.start()
+        found = call()
+        peaks[rows] = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    return found, (peaks[ROWS] - peaks[ROWS // 4]) / (ROWS - ROWS // 4)
 
 
 def agree(found: Tabulated) -> None:

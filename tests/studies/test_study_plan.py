@@ -156,3 +156,14 @@ def test_a_case_may_stand_in_the_study(folder: Path) -> None:
 def test_what_is_no_plan_is_one_sentence(folder: Path, text: str, vary: tuple[str, ...], fault: str) -> None:
     (told,) = faults(folder, text, vary)
     assert fault in told
+
+
+def test_a_case_that_is_not_found_is_a_fault_of_the_study(folder: Path) -> None:
+    (folder / "s.yaml").write_text("case: mien\naxes: {scaling: [1, 2]}\n")
+    with pytest.raises(InputError, match=r"^s\.yaml: case: mien: no case is called 'mien'"):
+        read_plan(Asked(str(folder / "s.yaml"), (), (), None))
+
+
+def test_a_value_that_cannot_be_read_is_told_once(folder: Path) -> None:
+    (told,) = faults(folder, "axes: {scaling: [.inf]}\n")
+    assert told.endswith("s.yaml:2:18: axes.scaling[1]: must be a finite number, got .inf")

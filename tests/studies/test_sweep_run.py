@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import NoReturn
 
 import h5py
 import numpy as np
@@ -26,7 +27,7 @@ from rths_cli.studies import sweep as sweep_workflow
 from rths_cli.studies import sweep_runs
 from rths_cli.studies.engines import Engine
 from rths_cli.studies.grid_points import check_points
-from rths_cli.studies.study_plan import Asked
+from rths_cli.studies.study_plan import Asked, read_plan
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
 from rths_cli.studies.sweep_output import begin
 from rths_cli.studies.sweep_runs import Shared, play_variant
@@ -257,12 +258,25 @@ def test_a_sweep_takes_the_place_of_a_sweep_alone(
     assert (tmp_path / "text.h5").read_text() == "mine"
 
 
+def test_a_sweep_that_ends_before_its_first_row_leaves_no_file(
+    whole: tuple[SweepRequest, Swept], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nobody(*_: object) -> NoReturn:
+        raise InputError("no Dask scheduler answers there")
+
+    monkeypatch.setattr(sweep_workflow, "executor_here", nobody)
+    watcher = Watcher()
+    with pytest.raises(InputError, match="no Dask scheduler"):
+        run_sweep(replace(whole[0], output=tmp_path / "s.h5"), watcher)
+    assert list(tmp_path.iterdir()) == [] and not any("--resume" in text for text in watcher.messages)
+
+
 def test_a_finished_sweep_of_another_version_is_played_anew(whole: tuple[SweepRequest, Swept]) -> None:
     path, attributes = whole[1].path, whole[1].sweep.attributes
-    assert begin(path, attributes, np.arange(12), figures=1, replace=True, resume=True) is None
+    assert begin(path, attributes, 12, replace=True, resume=True) is None
     newer = attributes | {"software_sha256": "another"}
-    begun = begin(path, newer, np.arange(12), figures=1, replace=True, resume=True)
-    assert begun is not None and begun.rows == {} and not begun.resumed
+    begun = begin(path, newer, 12, replace=True, resume=True)
+    assert begun is not None and not begun.resumed
 
 
 def test_what_runs_share_is_made_once(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -353,6 +367,18 @@ def test_every_fault_of_the_grid_is_told_before_the_first_run(folder: Path, tmp_
         assert words in told, told
     assert "(at grid point scaling=-1, controller=FF, tabel.kind=1 and 1 more)" in told
     assert len(caught.value.faults) == 4 and not (tmp_path / "out").exists()
+
+
+def test_samples_out_of_bounds_are_one_fault_of_their_distribution(folder: Path, tmp_path: Path) -> None:
+    study = tmp_path / "s.yaml"
+    axis = "scaling: {distribution: normal, mean: 0.1, std: 0.2}"
+    study.write_text(f"case: {folder / 'a.yaml'}\naxes: {{{axis}}}\nsamples: {{count: 20}}\n")
+    points = read_plan(Asked(str(study), (), (), None)).plan
+    below = sum(points.values(k)[0] <= 0 for k in range(20))
+    with pytest.raises(InputError) as caught:
+        check_points(Asked(str(study), (), (), None), sweep_runs.Shared((), lambda _: None), lambda _: None)
+    (told,) = caught.value.faults
+    assert "axes.scaling: must be > 0 and <= 100, got -0." in told and f" and {below - 1} more)" in told and below > 2
 
 
 def test_records_that_do_not_exist_are_named_with_their_point(folder: Path, tmp_path: Path) -> None:

@@ -15,8 +15,15 @@ from rths_cli.numerics.lti import Array
 from rths_cli.report.answer import three
 from rths_cli.report.figures.figure_data import NotDrawn
 from rths_cli.report.figures.panels import empty_figure
-from rths_cli.report.figures.style import BLACK, BLUE, GREY, ORANGE, VERMILLION, plain
-from rths_cli.report.figures.sweep_figure import axis_name, heading_of, over_seeds, places_of, two_lines
+from rths_cli.report.figures.style import BLACK, BLUE, GREY, ORANGE, VERMILLION, WIDTHS_MM, plain
+from rths_cli.report.figures.sweep_figure import (
+    axis_name,
+    heading_of,
+    key_in_words,
+    over_seeds,
+    places_of,
+    value_name,
+)
 from rths_cli.report.study_indices import indexed_keys, indices_of
 from rths_cli.report.sweep_metric import Gridded, as_text, gridded, named, short_key
 
@@ -30,6 +37,9 @@ MOST_LINES = 1000  # of parallel coordinates
 ROW_MM, AROUND_MM = 9.0, 24.0
 BAR = 0.6
 LABEL_CHARACTERS = {"one": 16, "two": 40}
+PLOT_CHARACTERS = {"one": 54, "two": 120}  # of a value's label, across the axes of a tornado
+VALUE_CHARACTER_POINTS = 3.3  # of a value at a parallel axis
+NAME_CHARACTER_MM, LEAST_CHARACTERS = 1.5, 8  # of the name of a parallel axis; with less room it is written upwards
 
 
 def tornado(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> Figure:
@@ -64,13 +74,15 @@ def tornado(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> 
             )  # fmt: skip
     ax.axvline(float(np.median(middle[known])), color=BLACK, lw=0.8)
     keys = list(found.keys)
-    ax.set_yticks(range(len(order)), [_wrapped(axis_name(key, keys), width) for key in order])
+    ax.set_yticks(range(len(order)), [_wrapped(key_in_words(key, keys), width) for key in order])
     ax.set_ylim(-0.6, len(order) - 0.4)
     ax.use_sticky_edges = False
-    ax.margins(x=0.4 if width == "one" else 0.25)
+    longest = max(len(label) for each in spans.values() for label, _ in each)
+    beside = min((longest + 3) / PLOT_CHARACTERS[width], 0.35)  # of the axes' width, for the label at either end
+    ax.margins(x=beside / (1.0 - 2.0 * beside))
     ax.grid(False, axis="y")
     ax.set_xlabel(f"median {named(found)}")
-    _dots(figure, [("at the small values", BLUE), ("at the large values", VERMILLION), ("at texts", GREY)], found.keys)
+    _dots(figure, [("at the small values", BLUE), ("at the large values", VERMILLION), ("texts", GREY)], found.keys)
     return heading_of(figure, sweep, width, headed, "black line: median of all")
 
 
@@ -82,7 +94,7 @@ def _groups(values: Sequence[Any], known: NDArray[np.bool_]) -> list[tuple[str, 
     distinct = np.unique(place) if numeric else np.array(list(dict.fromkeys(texts)), dtype=object)
     if len(distinct) <= FEW_VALUES:
         each = place if numeric else texts
-        groups = [(as_text(float(one)) if numeric else str(one), each == one) for one in distinct]
+        groups = [(value_name(float(one) if numeric else str(one)), each == one) for one in distinct]
     else:
         low, high = np.quantile(place[known], [SHARE, 1.0 - SHARE])
         groups = [(f"≤ {low:.3g}", place <= low), (f"≥ {high:.3g}", place >= high)]
@@ -95,14 +107,13 @@ def _span(groups: Sequence[tuple[str, float]]) -> float:
 
 
 def parallel(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> Figure:
-    """Draw every grid point as a line across its varied keys to its metric, coloured by the metric.
+    """Draw every grid point as a line across its varied keys to its metric, coloured by its height there.
 
     Grid points with an unfinished run are grey and end before the metric. Of more than 1,000 grid points as
     many, evenly spread, are drawn. Raises NotDrawn for fewer than two keys.
     """
     found = _checked(sweep, metric, fewest=2, what="parallel coordinates")
     from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
     from matplotlib.collections import LineCollection
     from matplotlib.colors import Normalize
 
@@ -114,7 +125,11 @@ def parallel(sweep: Sweep, width: str, metric: str = "", headed: bool = True) ->
     low, high = float(middle[known].min()), float(middle[known].max())
     last = (middle - low) / (high - low) if high > low else np.full(len(middle), 0.5)
     heights = np.stack([*(column for column, _ in columns), last], axis=1)[shown]
-    figure = empty_figure(width, 80.0)
+    names = [*(key_in_words(key, keys) for key in keys), named(found)]
+    room = int(WIDTHS_MM[width] / len(names) / NAME_CHARACTER_MM)
+    upright = room < LEAST_CHARACTERS
+    turned = 90.0 if upright else 0.0
+    figure = empty_figure(width, 95.0 if upright else 80.0)
     ax = figure.subplots()
     across = np.arange(len(keys) + 1)
     whole = known[shown]
@@ -124,22 +139,26 @@ def parallel(sweep: Sweep, width: str, metric: str = "", headed: bool = True) ->
     lines = [np.stack([across, row], axis=1) for row in heights[whole][order]]
     colors = colormaps["viridis"](Normalize(low, high)(middle[shown][whole][order]))
     ax.add_collection(LineCollection(lines, colors=colors, linewidths=0.7, alpha=0.8))
-    for place, (_, ticks) in enumerate([*columns, (last, ((0.0, three(low)), (1.0, three(high))))]):
+    axes = [*columns, (last, ((0.0, three(low)), (1.0, three(high))))]
+    below = max((len(text) for _, ticks in axes for height, text in ticks if height == 0.0), default=0)
+    for place, (_, ticks) in enumerate(axes):
         ax.axvline(place, color=BLACK, lw=0.6)
         for height, text in ticks:
-            ax.annotate(plain(text), (place, height), (2, 0), textcoords="offset points", va="center", fontsize=5.5,
-                        bbox={"facecolor": "white", "alpha": 0.7, "lw": 0.0, "pad": 0.6})  # fmt: skip
-    names = [*(axis_name(key, keys) for key in keys), found.label.rpartition(", ")[0] or found.label]
-    ax.set_xticks(across, [_wrapped(name, "two") for name in names], rotation=25.0, ha="right")
+            side = {0.0: (0, -3, "top"), 1.0: (0, 3, "bottom")}.get(height, (0, 0, "center"))
+            ax.annotate(
+                plain(text), (place, height), side[:2], textcoords="offset points", va=side[2], ha="center",
+                rotation=turned, fontsize=5.5, bbox={"facecolor": "white", "alpha": 0.7, "lw": 0.0, "pad": 0.6},
+            )  # fmt: skip
+    written = [plain(_broken(name, 26 if upright else room)) for name in names]
+    ax.set_xticks(across, written, rotation=turned, fontsize=6.0)
     ax.set_yticks([])
     ax.grid(False)
-    for side in ("left", "right", "top", "bottom"):
-        ax.spines[side].set_visible(False)
-    ax.tick_params(axis="x", length=0)
-    ax.set(xlim=(-0.05, len(keys) + 0.25), ylim=(-0.04, 1.04))
-    bar = figure.colorbar(ScalarMappable(Normalize(low, high), "viridis"), ax=ax)
-    bar.set_label(two_lines(named(found)))
-    told = [f"{len(shown)} of {len(middle)} grid points"] if len(shown) < len(middle) else []
+    for edge in ("left", "right", "top", "bottom"):
+        ax.spines[edge].set_visible(False)
+    ax.tick_params(axis="x", length=0, pad=VALUE_CHARACTER_POINTS * below if upright else 3.0)
+    ax.set(xlim=(-0.4, len(keys) + 0.4), ylim=(-0.08, 1.08))
+    told = ["colour: height on the last axis"]
+    told += [f"{len(shown)} of {len(middle)} grid points"] if len(shown) < len(middle) else []
     told += ["grey: a run was refused, aborted or failed"] if not whole.all() else []
     return heading_of(figure, sweep, width, headed, "; ".join(told))
 
@@ -150,10 +169,12 @@ def _scaled(values: Sequence[Any]) -> tuple[Array, tuple[tuple[float, str], ...]
     if numeric:
         low, high = float(place.min()), float(place.max())
         height = (place - low) / (high - low) if high > low else np.full(len(place), 0.5)
-        return height, ((0.0, f"{low:.4g}"), (1.0, f"{high:.4g}")) if high > low else ((0.5, f"{low:.4g}"),)
+        return height, ((0.0, f"{low:.3g}"), (1.0, f"{high:.3g}")) if high > low else ((0.5, f"{low:.3g}"),)
     texts = list(dict.fromkeys(as_text(value) for value in values))
     each = {text: (k / (len(texts) - 1) if len(texts) > 1 else 0.5) for k, text in enumerate(texts)}
-    return np.array([each[as_text(value)] for value in values]), tuple((height, text) for text, height in each.items())
+    return np.array([each[as_text(value)] for value in values]), tuple(
+        (height, value_name(text)) for text, height in each.items()
+    )
 
 
 def sobol(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> Figure:
@@ -269,9 +290,14 @@ def _dots(figure: Figure, kinds: Sequence[tuple[str, str]], keys: dict[str, list
     numbers = [places_of(values)[1] for values in keys.values()]
     shown = [*(kinds[:2] if any(numbers) else ()), *(kinds[2:] if not all(numbers) else ())]
     handles = [Line2D([], [], marker="o", ls="none", ms=4.0, color=color, label=label) for label, color in shown]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, columnspacing=1.2)
+
+
+def _broken(text: str, room: int) -> str:
+    """Return a long name in lines of about `room` characters, words apart."""
+    return "\n".join(textwrap.wrap(text.replace("_", " "), room, break_long_words=True))
 
 
 def _wrapped(text: str, width: str) -> str:
     """Return a long name in several lines."""
-    return plain("\n".join(textwrap.wrap(text.replace("_", " "), LABEL_CHARACTERS[width], break_long_words=True)))
+    return plain(_broken(text, LABEL_CHARACTERS[width]))

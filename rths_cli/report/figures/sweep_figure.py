@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.numerics.lti import Array
-from rths_cli.quantities.units import typeset, unit_of_name
+from rths_cli.quantities.units import ENDINGS, typeset, unit_of_name
 from rths_cli.report.answer import three
 from rths_cli.report.figures.figure_data import NotDrawn
 from rths_cli.report.figures.panels import GREY_TEXT, HEADING_CHARACTERS, empty_figure
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 NUMBERED_CELLS = {"one": 30, "two": 120}  # of a heat map, up to which each shows its number
 MOST_LABELS = {"one": 6, "two": 12}  # of a value on an axis
+LONGEST_VALUE = 18  # characters of a text on an axis
 LOG_STEP = 0.01  # relative; steps of equal ratio get a logarithmic axis
 
 
@@ -38,7 +40,8 @@ def sweep_figure(sweep: Sweep, width: str, metric: str = "", headed: bool = True
     draw = _line if len(found.keys) == 1 else _scatter if _sampled(found) else _map
     draw(figure, ax, found, width)
     seeds = sweep.seeds_per_point
-    return heading_of(figure, sweep, width, headed, f"{seeds} seeds, median and range" if seeds > 1 else "")
+    shown = f"{seeds} seeds, median and range" if draw is _line else f"median of {seeds} seeds"
+    return heading_of(figure, sweep, width, headed, shown if seeds > 1 else "")
 
 
 def heading_of(figure: Figure, sweep: Sweep, width: str, headed: bool, note: str = "") -> Figure:
@@ -72,7 +75,7 @@ def _line(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
     if numeric and _geometric(np.unique(place)):
         ax.set_xscale("log")
     if not numeric:
-        ax.set_xticks(place, [as_text(value) for value in varied])
+        ax.set_xticks(place, [value_name(value) for value in varied])
         ax.margins(x=0.15)
     ax.set(xlabel=axis_name(key, list(found.keys)), ylabel=two_lines(named(found)))
 
@@ -95,8 +98,8 @@ def _map(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
         (columns, ax.set_xticks, ax.set_xlabel, keys[1]), (rows, ax.set_yticks, ax.set_ylabel, keys[0]),
     ):  # fmt: skip
         step = -(-len(values) // MOST_LABELS[width])
-        place(range(0, len(values), step), [as_text(value) for value in values[::step]])
-        text(axis_name(name, keys))
+        place(range(0, len(values), step), [value_name(value) for value in values[::step]])
+        text(axis_name(name, keys), labelpad=6.0)
     if table.size <= NUMBERED_CELLS[width]:
         light = float(np.nanmin(table)) + 0.6 * float(np.nanmax(table) - np.nanmin(table))
         for (row, column), value in np.ndenumerate(table):
@@ -160,6 +163,23 @@ def axis_name(key: str, keys: Sequence[str]) -> str:
     """Return a varied key as an axis names it: its end, with its unit."""
     unit = unit_of_name(key, "")
     return f"{short_key(key, keys)} ({typeset(unit)})" if unit else short_key(key, keys)
+
+
+def key_in_words(key: str, keys: Sequence[str]) -> str:
+    """Return a varied key in words, its unit in brackets alone."""
+    unit, name = unit_of_name(key, ""), short_key(key, keys)
+    ending = next((ending for ending, _ in ENDINGS if name.endswith(ending)), "")
+    return (f"{name.removesuffix(ending)} ({typeset(unit)})" if unit else name).replace("_", " ")
+
+
+def value_name(value: Any) -> str:
+    """Return a varied value as a figure names it: a number with four digits, a file by its name alone, a long text cut
+    off."""
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    text = as_text(value)
+    name = Path(text).stem if "/" in text and not text.startswith(("{", "[")) else text
+    return name if len(name) <= LONGEST_VALUE else f"{name[: LONGEST_VALUE - 1]}…"
 
 
 def two_lines(text: str) -> str:

@@ -258,9 +258,12 @@ class Cluster:
         worker = (self.address, "--nthreads", "1", "--no-nanny", *here)
         self.processes = [scheduler, *(Forked(lambda: dask("worker", *worker), self.told) for _ in range(2))]
 
-    def kill_scheduler(self) -> None:
-        """Kill the scheduler alone."""
+    def kill_scheduler(self, restart: bool) -> None:
+        """Kill the scheduler alone, and start another one with other workers at once."""
         self.processes[0].kill()
+        if restart:
+            self.stop()
+            self.start()
 
     def stop(self) -> None:
         """End all."""
@@ -326,7 +329,9 @@ def trial(bench: Bench, kind: str, rng: random.Random, disk: Path | None = None,
             cluster.stop()
             cluster.start()
 
-        return interrupted(bench, kind, rng, output, engine, lambda _: cluster.kill_scheduler(), False, again)
+        return interrupted(
+            bench, kind, rng, output, engine, lambda _: cluster.kill_scheduler(rng.random() < 0.5), False, again
+        )
     finally:
         cluster.stop()
 

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rths_cli.files.sweep_file import Sweep, read_sweep, write_sweep
+from rths_cli.files.sweep_file import RowsFile, Sweep, read_sweep, rows_path, write_sweep
 from rths_cli.report.sweep_page import page
 from rths_cli.studies.grid_points import Points, check_points
 from rths_cli.studies.plan import Plan
 from rths_cli.studies.sensitivity import SobolIndices, sobol_indices
 from rths_cli.studies.study_plan import Asked, read_plan
-from rths_cli.studies.sweep_output import Begun, as_sweep
+from rths_cli.studies.sweep_output import Begun, as_line, as_sweep
 from rths_cli.studies.sweep_runs import Shared
 from rths_cli.studies.sweep_table import Row, Table, width
 
@@ -97,6 +97,38 @@ def one_point() -> Points:
 def tabulate(rows: int, folder: Path, alone: Points) -> Tabulated:
     """Plan `rows` rows (a multiple of 8) of four correlated samples and two lists, go through all of them, fill, write
     and read the table, and return its page."""
+    points = planned(rows, folder, alone)
+    table = filled(points, np.arange(points.plan.variants))
+    begun = Begun(folder / "many.h5", about(points), False)
+    sweep = as_sweep(points, begun, table)
+    write_sweep(begun.path, sweep)
+    del table, sweep
+    back = read_sweep(begun.path)
+    return Tabulated(points.plan, back, page(back, begun.path))
+
+
+def written_parts(rows: int, count: int, folder: Path, alone: Points) -> list[Path]:
+    """Write the table of `tabulate` in parts, and return their files."""
+    points = planned(rows, folder, alone)
+    paths = [folder / f"part{k}.h5" for k in range(1, count + 1)]
+    for k, (path, variants) in enumerate(zip(paths, np.array_split(np.arange(rows), count), strict=True), 1):
+        begun = Begun(path, about(points) | {"part": f"{k}/{count}"}, False)
+        write_sweep(path, as_sweep(points, begun, filled(points, variants), variants))
+    return paths
+
+
+def kept_rows(rows: int, folder: Path, alone: Points) -> tuple[Begun, Table]:
+    """Write the rows of an interrupted sweep of all but ten rows; return that sweep and a table for its rows."""
+    points = planned(rows, folder, alone)
+    begun = Begun(folder / "kept.h5", about(points), True)
+    with RowsFile(rows_path(begun.path), begun.attributes, False) as file:
+        for variant in range(rows - 10):
+            file.append(as_line(made_up(points, variant)))
+    return begun, Table(points.columns, points.storeys, np.arange(rows))
+
+
+def planned(rows: int, folder: Path, alone: Points) -> Points:
+    """Return the plan of `tabulate`."""
     whole = "table.after_identification.coulomb_factor"
     study = folder / "many.yaml"
     study.write_text(
@@ -110,33 +142,29 @@ def tabulate(rows: int, folder: Path, alone: Points) -> Tabulated:
         f"constraints: [{{left: {whole}, op: '>', right: 0}}]\nseeds: 2\n",
         encoding="utf-8",
     )
-    planned = read_plan(Asked(str(study), (), (), None))
-    points = replace(alone, plan=planned.plan, planned=planned, order=np.arange(planned.plan.points))
-    table = filled(points)
-    about = {
-        "case_name": "many",
-        "rig": "r",
-        "rig_kind": "virtual",
-        "seeds": "0:1",
-        "plan_sha256": planned.plan.digest(),
-    }
-    begun = Begun(folder / "many.h5", about | {"software_sha256": ""}, {}, False)
-    sweep = as_sweep(points, begun, table)
-    write_sweep(begun.path, sweep)
-    del table, sweep
-    back = read_sweep(begun.path)
-    return Tabulated(planned.plan, back, page(back, begun.path))
+    read = read_plan(Asked(str(study), (), (), None))
+    return replace(alone, plan=read.plan, planned=read, order=np.arange(read.plan.points))
 
 
-def filled(points: Points) -> Table:
-    """Return a table with a made-up row for every run of a plan: every tenth is refused, with one of 50 reasons."""
-    plan, seeds = points.plan, len(points.plan.seeds)
-    table = Table(points.columns, points.storeys, np.arange(plan.variants))
-    size = width(points.columns, points.storeys)
-    for variant in range(plan.variants):
-        values = plan.values(variant // seeds)
-        refused = variant % 10 == 0
-        figures = np.full(size, np.nan if refused else values[2] * (1 + variant % seeds))
-        status, reason = ("refused", f"unsafe: reason {variant % 499 // 10}") if refused else ("complete", "")
-        table.add(Row(variant, status, reason, int(refused), "unsafe" if refused else "safe", "0" * 64, "", figures))
+def about(points: Points) -> dict[str, str | int]:
+    """Return the attributes of a synthetic study."""
+    identity = {"plan_sha256": points.plan.digest(), "software_sha256": "", "grid_points": points.plan.points}
+    return {"case_name": "many", "rig": "r", "rig_kind": "virtual", "seeds": "0:1"} | identity
+
+
+def filled(points: Points, variants: NDArray[np.int64]) -> Table:
+    """Return a table with a made-up row for each of these runs (n,) of a plan."""
+    table = Table(points.columns, points.storeys, variants)
+    for variant in variants.tolist():
+        table.add(made_up(points, variant))
     return table
+
+
+def made_up(points: Points, variant: int) -> Row:
+    """Return the row of a run: every tenth is refused, with one of 50 reasons."""
+    seeds = len(points.plan.seeds)
+    values, refused = points.plan.values(variant // seeds), variant % 10 == 0
+    size = width(points.columns, points.storeys)
+    figures = np.full(size, np.nan if refused else values[2] * (1 + variant % seeds))
+    status, reason = ("refused", f"unsafe: reason {variant % 499 // 10}") if refused else ("complete", "")
+    return Row(variant, status, reason, int(refused), "unsafe" if refused else "safe", "0" * 64, "", figures)

@@ -1,5 +1,6 @@
 """Figures of a study of hand-made rows: tornado, parallel coordinates, Sobol indices, boundary of stability."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -51,6 +52,31 @@ def test_parallel_coordinates_go_from_each_key_to_the_metric_and_unfinished_poin
     first, last = known.get_segments()
     assert first == pytest.approx(np.array([[0, 0.0], [1, 0.0], [2, 0.0], [3, 0.0]]))
     assert last == pytest.approx(np.array([[0, 1.0], [1, 0.0], [2, 1.0], [3, 1.0]]))
+
+
+@pytest.mark.parametrize(("width", "keys"), [("one", 3), ("one", 6), ("one", 12), ("two", 6), ("two", 12)])
+def test_no_text_of_parallel_coordinates_lies_on_another(width, keys):
+    rng = np.random.default_rng(1)
+    varied = {
+        f"table.imperfections.k{k}.gain_change_between_runs": tuple(1e-3 * rng.random(20)) for k in range(keys - 1)
+    }
+    varied["record"] = ("./records/a_long_folder/el_centro.csv", "./records/b.csv") * 10
+    figure = parallel(made(varied, rng.random(20) * 1000), width)
+    figure.canvas.draw()
+    (ax,) = figure.axes
+    boxes = [text.get_window_extent() for text in (*ax.texts, *ax.get_xticklabels())]
+    assert len(boxes) == 3 * (keys + 1) and all(box.x0 >= 0 and box.x1 <= figure.bbox.x1 for box in boxes)
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+
+
+def test_labels_of_a_tornado_stay_within_its_axes():
+    names = ("./records/a_long_folder_name/a_long_record_of_1994.csv", "./records/b.csv")
+    figure = tornado(made({"record": names * 2, "a": (1.0, 1.0, 2.0, 2.0)}, [1.0, 2.0, 3.0, 4.0]), "one")
+    figure.canvas.draw()
+    (ax,) = figure.axes
+    assert {text.get_text() for text in ax.texts} == {"a_long_record_of_…", "b", "1", "2"}
+    box = ax.get_window_extent()
+    assert all(box.x0 <= (one := text.get_window_extent()).x0 and one.x1 <= box.x1 for text in ax.texts)
 
 
 def test_the_boundary_is_where_the_spectral_radius_is_one():

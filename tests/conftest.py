@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import settings
 
-from rths_cli.cli.entry_point import BLAS_THREADS
+from rths_cli.cli.entry_point import BLAS_THREADS, NEW_OBJECTS
 
 if TYPE_CHECKING:
     from rths_cli.experiment.model_choice import Memory
@@ -23,6 +23,7 @@ FIRST = ("loop", "rigs", "experiment")  # folders whose tests compile, the one t
 settings.register_profile("same_every_time", derandomize=True, database=None)
 settings.load_profile("same_every_time")
 os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # as the command does, before numpy is imported
+gc.set_threshold(NEW_OBJECTS)  # as the command does: a twentieth of the time was spent on searches
 os.environ["COLUMNS"] = "100"  # as in a pipe, wherever the tests are started
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what runs in its background
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a test that is interrupted would wait for ever

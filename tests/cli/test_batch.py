@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from warm_command import rths_words
 
 from rths_cli.files.result_reader import read_result
 
@@ -19,9 +20,7 @@ CASE = "structure: three_storey\ndamping: low\nrecord: el_centro\nscaling: {scal
 
 
 def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "rths_cli", *words], capture_output=True, text=True, cwd=cwd, timeout=240, check=False
-    )
+    return subprocess.run([*rths_words(), *words], capture_output=True, text=True, cwd=cwd, timeout=240, check=False)
 
 
 def test_one_case_that_is_stopped_by_a_limit_is_named_and_the_others_run(tmp_path: Path) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
 from made_up_check import LINEAR
+from warm_command import rths_words
 
 from rths_cli.experiment.model_files import save
 from rths_cli.experiment.setup import Setup
@@ -19,9 +19,7 @@ CASE = "el_centro_low_ff_fb"
 
 
 def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "rths_cli", *words], capture_output=True, text=True, cwd=cwd, timeout=240, check=False
-    )
+    return subprocess.run([*rths_words(), *words], capture_output=True, text=True, cwd=cwd, timeout=240, check=False)
 
 
 @pytest.fixture(scope="module")

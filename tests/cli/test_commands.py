@@ -6,14 +6,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from warm_command import rths_words
 
 HEAVY = ("numpy", "scipy", "numba", "pydantic", "h5py", "matplotlib", "rich", "yaml", "control")
 
 
 def rths(*words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "rths_cli", *words], capture_output=True, text=True, cwd=cwd, timeout=120, check=False
-    )
+    return subprocess.run([*rths_words(), *words], capture_output=True, text=True, cwd=cwd, timeout=120, check=False)
 
 
 def test_help_imports_nothing_heavy() -> None:

@@ -9,13 +9,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from warm_command import rths_words
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 
 
 def doctor(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "rths_cli", "doctor", *words],
+        [*rths_words(), "doctor", *words],
         capture_output=True,
         text=True,
         cwd=cwd,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from golden import golden
+from warm_command import rths_words
 
 from rths_cli.case.named_files import known
 from rths_cli.case.shipped_files import FOLDERS
@@ -37,10 +38,8 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    path = os.pathsep.join(filter(None, [str(TREE), os.environ.get("PYTHONPATH")]))
     return subprocess.run(
-        [sys.executable, "-m", "rths_cli", *words], capture_output=True, text=True, cwd=cwd, timeout=120, check=False,
-        env={**os.environ, "PYTHONPATH": path},
+        [*rths_words(), *words], capture_output=True, text=True, cwd=cwd, timeout=120, check=False,
     )  # fmt: skip
 
 

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from warm_command import rths_words
 
 TREE = Path(__file__).parents[2]
 IN_THE_LOOP = ("loop", "numerics", "control", "rigs", "structure", "analysis")
 
 
 def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    path = os.pathsep.join(filter(None, [str(TREE), os.environ.get("PYTHONPATH")]))
     return subprocess.run(
-        [sys.executable, "-m", "rths_cli", *words], capture_output=True, text=True, cwd=cwd, timeout=120, check=False,
-        env={**os.environ, "PYTHONPATH": path},
+        [*rths_words(), *words], capture_output=True, text=True, cwd=cwd, timeout=120, check=False,
     )  # fmt: skip
 
 

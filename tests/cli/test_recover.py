@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from warm_command import rths_words
 
 from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.cli import cli
@@ -24,9 +24,7 @@ STEPS, DONE, LEAD = 4000, 1500, 2
 
 
 def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "rths_cli", *words], capture_output=True, text=True, cwd=cwd, timeout=120, check=False
-    )
+    return subprocess.run([*rths_words(), *words], capture_output=True, text=True, cwd=cwd, timeout=120, check=False)
 
 
 def inside(*words: str) -> str:

@@ -6,8 +6,8 @@ import csv
 import io
 import json
 import os
+import shlex
 import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
+from warm_command import rths_words
 
 from rths_cli.cli import cli
 from rths_cli.errors import InputError
@@ -179,10 +180,10 @@ def script(folder: Path, command: str) -> int:
     """Run a line of a pipeline with `rths` as this Python has it; return the exit code."""
     places = folder / "bin"
     places.mkdir(exist_ok=True)
-    (places / "rths").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m rths_cli "$@"\n')
+    (places / "rths").write_text(f'#!/bin/sh\nexec {shlex.join(rths_words())} "$@"\n')
     (places / "rths").chmod(0o755)
     path = os.pathsep.join([str(places), os.environ["PATH"]])
-    made = {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT), "GITHUB_STEP_SUMMARY": str(folder / "summary.md")}
+    made = {**os.environ, "PATH": path, "GITHUB_STEP_SUMMARY": str(folder / "summary.md")}
     return subprocess.run(["sh", "-c", command], cwd=folder, env=made, timeout=100, check=False).returncode
 
 

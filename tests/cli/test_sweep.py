@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from warm_command import rths_words
 
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
 
@@ -27,9 +28,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "rths_cli", *words], capture_output=True, text=True, cwd=cwd, timeout=240, check=False
-    )
+    return subprocess.run([*rths_words(), *words], capture_output=True, text=True, cwd=cwd, timeout=240, check=False)
 
 
 def test_json_is_one_document_and_a_refused_run_is_exit_code_1(folder: Path) -> None:

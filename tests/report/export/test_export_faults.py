@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import h5py
 import pytest
 from made_result import make
+from warm_command import rths_words
 
 from rths_cli.errors import InputError
 from rths_cli.report.export import csv_files
@@ -144,11 +144,8 @@ def test_a_file_of_many_groups_is_opened_no_more_often(
 
 
 def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-    return subprocess.run(
-        [sys.executable, "-m", "rths_cli", "export", *words],
-        capture_output=True, text=True, cwd=cwd, env={**os.environ, "PYTHONPATH": path}, timeout=60, check=False,
-    )  # fmt: skip
+    words = (*rths_words(), "export", *words)
+    return subprocess.run(words, capture_output=True, text=True, cwd=cwd, timeout=60, check=False)
 
 
 def test_the_command_prints_its_files_and_how_a_run_ended(tmp_path: Path) -> None:

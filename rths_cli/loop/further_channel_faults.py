@@ -11,8 +11,10 @@ from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 
 WINDOW_S, LATEST_S = 2.0, 0.3  # time before the stop that is compared; its end, in which the fault must show
-TRIED_S = (0.03, 0.06, 0.1, 0.2, 0.3)  # times before the stop over which an explanation is tried: a fault may be young
+TRIED_S = (0.3, 0.2, 0.1, 0.06, 0.03, 0.0)  # times before the stop over which an explanation is tried, the longest
+# first: all look alike over a short one, but a fault may be young (0: two samples)
 EXPLAINED = 0.3  # of the difference, that an explanation may leave
+FREER = 0.05  # the same more for a factor, which explains a reversed sign as well
 BITS, MOVED_BITS = 3.0, 10.0  # within which a value counts as unchanged; by which it must have changed then
 FOLLOWS = 0.3  # error over desired acceleration, below which the table follows
 RECENT_S = 0.5  # time before the stop over which the gain is taken, for it may drift
@@ -87,22 +89,25 @@ def _low_passed(row: Array, dt_s: float) -> Array:
 
 
 def _way(info: RigInfo, shown: Array, must: Array, j: int) -> str:
-    """Return how further channel `j` differs from what it must show, (n,) each: the explanation that leaves least."""
+    """Return how further channel `j` differs from what it must show, (n,) each: the explanation that leaves least, over
+    the longest time before the stop that one explains."""
     bit, unit = info.converters.step_v / info.further[j].sensitivity_v_per_unit, info.further[j].unit
-    found: list[tuple[float, str]] = []
-    for time_s in TRIED_S:
-        latest = slice(-max(round(time_s / info.dt_s), 2), None)
+    windows = [slice(-max(round(time_s / info.dt_s), 2), None) for time_s in TRIED_S]
+    if any(np.ptp(shown[latest]) <= BITS * bit and np.ptp(must[latest]) > MOVED_BITS * bit for latest in windows):
+        return "its value does not change"
+    for latest in windows:
         now, wanted = shown[latest], must[latest]
-        off = now - wanted
-        if np.ptp(now) <= BITS * bit and np.ptp(wanted) > MOVED_BITS * bit:
-            return "its value does not change"
-        found.append((_rms(now + wanted) / max(_rms(off), 1e-12), "its sign is reversed"))
-        found.append((float(np.std(off)) / max(_rms(off), 1e-12), f"it is off by {float(np.mean(off)):.3g} {unit}"))
-    left, told = min(found)
-    if left < EXPLAINED:
-        return told
-    size = float(must @ must)
-    return f"it shows {float(shown @ must) / size if size > 0.0 else 0.0:.2g} times what it must"
+        off, size = now - wanted, max(float(wanted @ wanted), 1e-24)
+        factor, all_of_it = float(now @ wanted) / size, max(_rms(off), 1e-12)
+        ways = (
+            (_rms(now + wanted) / all_of_it, "its sign is reversed"),
+            (float(np.std(off)) / all_of_it, f"it is off by {float(np.mean(off)):.3g} {unit}"),
+            (_rms(now - factor * wanted) / all_of_it + FREER, f"it shows {factor:.2g} times what it must"),
+        )
+        left, told = min(ways)
+        if left < EXPLAINED:
+            return told
+    return "it shows something else than it must"
 
 
 def _rms(row: Array) -> float:

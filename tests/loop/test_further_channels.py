@@ -217,13 +217,41 @@ def test_a_healthy_run_ends_with_its_record() -> None:
         (changed(3, lambda v: v + 1.5), "the sensor of channel table_displacement is wrong, it is off by 0.01"),
         (changed(4, lambda v: -v), "the sensor of channel table_force is wrong, its sign is reversed"),
         (kept(4), "the sensor of channel table_force is wrong, its value does not change"),
-        (changed(4, lambda v: v + 0.6), "the sensor of channel table_force is wrong, it is off by"),
+        (changed(4, lambda v: v + 0.6), "the sensor of channel table_force is wrong, it is off by 30 N"),
+        (changed(4, lambda v: 2.0 * v), "the sensor of channel table_force is wrong, it shows 2 times what it must"),
+        (changed(4, lambda v: 0.0), "the sensor of channel table_force is wrong, its value does not change"),
     ],
 )
 def test_a_wrong_sensor_is_found_and_named(spoil: Callable[[int, Array], Array], told: str) -> None:
     outcome, rig, info = run(BESIDE, spoil)
     assert outcome.stopped_by_limit.startswith(told)
     assert outcome.reason == g.DISAGREES and AT * 1e-3 < outcome.stopped_at_s < AT * 1e-3 + 1.5
+    assert rig.commands_v[-1] == 0.0 and abs(rig.place_m[-1]) < 2e-3
+    assert np.abs(rig.place_m).max() < info.limits.stroke_m
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (changed(4, lambda v: -v), "channel table_force is wrong, its sign is reversed"),
+        (kept(4), "channel table_force is wrong, its value does not change"),
+        (changed(4, lambda v: v + 1.2), "channel table_force is wrong, it is off by 60"),
+        (changed(4, lambda v: 2.0 * v), "channel table_force is wrong, it shows 2 times what it must"),
+        (changed(3, lambda v: -v), "channel table_displacement is wrong, its sign is reversed"),
+        (kept(3), "channel table_displacement is wrong, its value does not change"),
+    ],
+)
+def test_a_wrong_sensor_in_the_loop_is_named_and_leaves_the_table_within_its_limits(
+    spoil: Callable[[int, Array], Array], told: str
+) -> None:
+    """The hybrid building feels the load cell; a fault of it moves the table before it is found."""
+    info = with_channels(bench_info(), BESIDE)
+    rig = SpoiltRig(info)
+    rig.spoil = spoil
+    outcome = play(
+        rig, info, best_with_cell(info), NUMERICAL, 2.0 * ground(6000), watched(info), still=Stillness(0, 1500, 0)
+    )  # fmt: skip
+    assert outcome.reason == g.DISAGREES and told in outcome.stopped_by_limit
     assert rig.commands_v[-1] == 0.0 and abs(rig.place_m[-1]) < 2e-3
     assert np.abs(rig.place_m).max() < info.limits.stroke_m
 

@@ -32,6 +32,7 @@ from rths_cli.analysis.error_budget import (
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.predicted_error import Known, friction_samples, predict, samples_of_push
 from rths_cli.identification.results import Friction
+from rths_cli.numerics.hysteresis import slid
 from rths_cli.numerics.lti import Array, ComplexArray
 from rths_cli.structure import Specimen
 
@@ -51,12 +52,19 @@ DELAY = "delay of the table"
 CORNERS = "AC corners of all channels"
 INSTANTS = "instants of the converters or of the table's channel"
 FRICTION = "friction"
+ACTUATOR = "lag of the actuator"
 STIFFNESS = "specimen's stiffness, masses or pitch"
 DAMPING = "specimen's damping"
 SOFTENING, JOINTS = "softening of the specimen", "friction in the specimen's joints"
 DISTORTION, DEAD_BAND = "distortion by the amplifier", "dead band of the amplifier"
 NOISE, RESOLUTION, UNKNOWN = "sensor noise", "rounded samples", "not known"
-SIZES = {"gain": (100.0, "%"), "AC corner": (100.0, "%"), "sampling": (1e6, "us late"), "delay": (1e6, "us late")}
+SIZES = {
+    "gain": (100.0, "%"),
+    "AC corner": (100.0, "%"),
+    "sampling": (1e6, "us late"),
+    "delay": (1e6, "us late"),
+    "lag": (100.0, "%"),
+}
 """Unit of the factor of a candidate with one column, by the beginning of its name."""
 OF_BUDGET = {
     "declared": "specimen other than declared (stiffness, masses, softening, pitch; or wrong sensors identified it)",
@@ -192,7 +200,21 @@ def _candidates(
     yield DISTORTION, [answer, known.loop.rig * _of_series(known, lambda volts: volts**3, command)]
     yield DEAD_BAND, [push * _of_series(known, _smooth_sign, samples[0])]
     yield FRICTION, [push * _sign_of_velocity(known, signals)]
+    if len(known.model.poles) == len(known.model.zeros) + 1:
+        yield ACTUATOR, [_of_lag(known, specimen, samples, push) - known.model.ripple_m_s2_per_v * ripple]
     yield from _of_specimen(known, specimen, samples)
+
+
+def _of_lag(known: Known, specimen: Specimen, samples: ComplexArray, push: ComplexArray) -> ComplexArray:
+    """Return what a lag of the actuator that is longer by its own length adds to the samples (c, m), alias left out.
+
+    A force f that comes later by t is less by t f', as if the command were. At high frequency a volt makes f rise at a
+    rate that moves the table alone, by the gain of its model: t over the force per volt is 1 / (gain mass). The alias
+    of the held command is in proportion to that gain, and is lost by as much.
+    """
+    mass_kg, s = known.rig.moving_mass_kg, 2j * np.pi * known.lines.frequency_hz
+    force = mass_kg * samples[0] + specimen.masses_kg @ samples[1:]
+    return -push * known.loop.ahead * s * force / (known.model.gain * mass_kg)
 
 
 def _of_specimen(known: Known, specimen: Specimen, samples: ComplexArray) -> Iterator[tuple[str, list[ComplexArray]]]:
@@ -222,12 +244,7 @@ def _of_specimen(known: Known, specimen: Specimen, samples: ComplexArray) -> Ite
 
 def _slid(drift: Array, share: float) -> Array:
     """Return the force (n,) of a joint that sticks over a share of the rms drift (n,) and then slides at one."""
-    reach = share * float(rms(drift)) or 1.0
-    force, found = 0.0, np.empty_like(drift)
-    for k, step in enumerate(np.diff(drift, prepend=0.0) / reach):
-        force = min(max(force + step, -1.0), 1.0)
-        found[k] = force
-    return found
+    return slid(drift, share * float(rms(drift)))
 
 
 def _smooth_sign(series: Array) -> Array:

@@ -57,6 +57,7 @@ CAUSES: dict[str, Switched] = {
     "1 kHz, CR": Switched(("sample_rate_hz=1000", "integration=cr"), "coupling", before=True),
     "amplifier's distortion 1 %": Switched((f"{HIDDEN}amplifier.distortion=0.01",), "distortion"),
     "amplifier's dead band 2 N": Switched((f"{HIDDEN}amplifier.crossover_n=2",), "dead band"),
+    "actuator slower by a half": Switched((f"{PHYSICS}actuator_time_constant_s=0.00225",), "lag of the actuator"),
     "softening 2 %": Switched((f"{HIDDEN}specimen.softening=0.02",), "softening"),
     "friction of joints 0.1 N": Switched((f"{HIDDEN}specimen.joint_friction_n=0.1",), "joints"),
     "pitch 40 Hz": Switched((f"{HIDDEN}pitch.frequency_hz=40", PITCH), "pitch"),

@@ -393,7 +393,9 @@ def test_a_drifting_sensor_is_named_and_taken_out_of_a_finished_run_and_of_its_r
     assert "500 of the rest before it" in recovered.note and "of the rest after it" in recovered.note
     again = read_result(tmp_path / "a.h5")
     assert said in str(again.attributes["warnings"]).splitlines()
-    assert set(again.attributes["warnings"].splitlines()) == set(result.attributes["warnings"].splitlines())
+    whole, recovered_too = (str(one.attributes["warnings"]).splitlines() for one in (result, again))
+    of_check = "measured and expected error differ"  # a log alone does not hold what the check expected
+    assert set(recovered_too) == {line for line in whole if not line.startswith(of_check)}
     assert {"exp_rths.rms_error_m_s2", "exp_rths.sensor_drift_v_per_min"} <= set(again.metrics)
     for name, value in again.metrics.items():
         assert value == pytest.approx(result.metrics[name], rel=1e-9, abs=1e-12), name

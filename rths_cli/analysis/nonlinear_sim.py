@@ -606,6 +606,14 @@ def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
                 code[i], numbers[i], memory[i], signs[i], moved[m, which[i]], moved[m, storeys + which[i]], inner[i, m]
             ):
                 return EVENT
+        if code[i] in (BILINEAR, CLOUGH, GAP):
+            for m in range(3):
+                before, after = moved[m, storeys + which[i]], moved[m + 1, storeys + which[i]]
+                if before * after < 0.0:  # it turns between these nodes
+                    ahead_s = (NODES[m + 1] - NODES[m]) * step_s * before / (before - after)
+                    farthest = moved[m, which[i]] + 0.5 * before * ahead_s
+                    if farthest < memory[i, LOW] or farthest > memory[i, HIGH]:
+                        return EVENT
     for i in range(laws):
         if code[i] == OWN and moved[0, storeys + which[i]] * moved[3, storeys + which[i]] < 0.0:
             return ROUGH  # the farthest drift lies between nodes

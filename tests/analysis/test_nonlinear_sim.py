@@ -199,6 +199,18 @@ def test_limits_of_laws_are_linear(law: dict[str, Any], dashpot: float, peaks_m:
     assert response.laws is not None and not response.laws.force_n.any()
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_branch_that_is_left_for_less_than_a_step_is_seen(seed: int) -> None:
+    """The drift turns 100 nm beyond the yield drift, mostly between two samples: so much stays."""
+    made, masses, springs = Made(seed), [6.0, 7.0], [7e3, 6e3]
+    linear = simulate(building_of(masses, springs, [5.0], []), 2e-3 / 256, made.record(2e-3 / 256))
+    beyond, peak = 1e-7, float(np.abs(linear.rel_disp_m[0]).max())
+    law = {"kind": "bilinear", "yield_displacement_m": peak - beyond, "hardening": 0.0}
+    response = simulate_with_laws(building_of(masses, springs, [5.0], [[law]]), 2e-3, made.record(2e-3))
+    assert response.laws is not None
+    assert abs(response.laws.force_n[0, -1]) == pytest.approx(springs[0] * beyond, rel=0.03)
+
+
 def power_integral(dt_s: float, power: np.ndarray, before: np.ndarray, after: np.ndarray) -> float:
     """Integrate a power (n,) with its derivatives at the start and at the end of each interval (n - 1,)."""
     return float((dt_s * (power[1:] + power[:-1]) / 2 + dt_s**2 * (before - after) / 12).sum())

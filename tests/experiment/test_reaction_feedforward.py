@@ -52,6 +52,15 @@ def test_a_specimen_as_identified_costs_nothing(tmp_path: Path, memory: Memory) 
     assert (with_it < 1.05 * without).all()
 
 
+def test_a_specimen_that_degrades_keeps_the_accuracy_of_a_linear_one(tmp_path: Path, memory: Memory) -> None:
+    """Identified below yielding, at a tenth of the usual level, where friction weighs more: that is countered, too."""
+    both = "controller={kind: FF+FB, reaction_feedforward: true, friction_compensation: true}"
+    law = "{kind: clough, yield_displacement_m: 0.002, hardening: 0.05, unloading_exponent: 0.4}"
+    level = "identification.accel_rms_m_s2=0.2"
+    found = ratio(tmp_path / "yields.h5", memory, both, level, f"table.physics.specimen_laws=[{law}, null]")
+    assert found.max() < 0.02  # 0.148 without, 0.069 with the reaction alone
+
+
 def test_the_check_judges_it_at_both_ends(default_identification: Identification) -> None:
     """On a table that moves as the changed reaction makes it. The ends are a half and one, or those that are stated."""
     for stated, factors in ((), (0.5,)), (("check.specimen_range=[0.7, 1.2]",), (0.7, 1.2)):

@@ -93,7 +93,7 @@ def _way(info: RigInfo, shown: Array, must: Array, j: int) -> str:
     the longest time before the stop that one explains."""
     bit, unit = info.converters.step_v / info.further[j].sensitivity_v_per_unit, info.further[j].unit
     windows = [slice(-max(round(time_s / info.dt_s), 2), None) for time_s in TRIED_S]
-    if any(np.ptp(shown[latest]) <= BITS * bit and np.ptp(must[latest]) > MOVED_BITS * bit for latest in windows):
+    if any(np.ptp(shown[latest]) <= BITS * bit and np.ptp(must[latest]) > MOVED_BITS * bit for latest in windows[:-1]):
         return "its value does not change"
     for latest in windows:
         now, wanted = shown[latest], must[latest]

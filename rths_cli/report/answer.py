@@ -3,7 +3,6 @@ is and what to do next."""
 
 from __future__ import annotations
 
-import math
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -21,6 +20,7 @@ from rths_cli.report.error_budget_table import CAUSES
 from rths_cli.report.judged_limits import judge
 from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.results_by_case import TABLE_RUNS
+from rths_cli.report.text_layout import three
 
 MOST_STOREYS = 5  # of which all are shown; of taller buildings the three that drift most, and the roof
 WIDEST, NARROW = 100, 60  # columns
@@ -560,16 +560,6 @@ def _lines(
 def _cells(values: object, storeys: Sequence[int], factor: float) -> list[str]:
     numbers = np.atleast_1d(np.asarray(values, dtype=float))
     return [three(factor * float(numbers[i])) if i < numbers.size else "-" for i in storeys]
-
-
-def three(value: float) -> str:
-    """Return a number with three significant digits, without an exponent where it is of ordinary size."""
-    if not math.isfinite(value):
-        return "-"
-    rounded = float(f"{value:.3g}")  # which may carry into another power of ten
-    if rounded == 0.0 or 1e-4 <= abs(rounded) < 1e5:
-        return f"{rounded:.{max(2 - math.floor(math.log10(abs(rounded))), 0) if rounded else 0}f}"
-    return f"{rounded:.2e}"
 
 
 def base_shear(result: Result) -> str:

@@ -404,9 +404,9 @@ def _friction(found: Identification) -> list[str]:
 
 
 def _in_slip(friction: Friction) -> str:
-    """Return what friction is in slip, "" where that is the same."""
+    """Return what friction is in slip, "" where it is not more than against the velocity."""
     sliding, error = friction.sliding_v, friction.sliding_error_v
-    if sliding is None or error is None or abs(sliding - friction.command_v) < SIGNIFICANT * error:
+    if sliding is None or error is None or sliding - friction.command_v < SIGNIFICANT * error:
         return ""
     return f"; in slip {with_uncertainty(sliding, error, 1e3)} mV, it holds like a spring after each reversal"
 

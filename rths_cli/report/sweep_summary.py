@@ -12,8 +12,7 @@ import numpy as np
 
 from rths_cli.files.sweep_file import NEEDED, Figure, Sweep
 from rths_cli.numerics.lti import Array
-from rths_cli.report.answer import three
-from rths_cli.report.text_layout import Cell, Row, Table, number, render
+from rths_cli.report.text_layout import Cell, Row, Table, number, render, three
 
 PERCENTILES = (5, 16, 50, 84, 95)
 MOST_METRICS = 10  # printed; with more, those that every sweep has

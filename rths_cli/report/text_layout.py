@@ -6,6 +6,7 @@ parts, one below the other.
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -176,6 +177,16 @@ def wrapped(lines: Sequence[str], indent: int = 0) -> str:
 
 def _filled(line: str, indent: int) -> str:
     return textwrap.fill(line, width(), subsequent_indent=" " * indent, drop_whitespace=True)
+
+
+def three(value: float) -> str:
+    """Return a number with three significant digits, without an exponent where it is of ordinary size."""
+    if not math.isfinite(value):
+        return "-"
+    rounded = float(f"{value:.3g}")  # which may carry into another power of ten
+    if rounded == 0.0 or 1e-4 <= abs(rounded) < 1e5:
+        return f"{rounded:.{max(2 - math.floor(math.log10(abs(rounded))), 0) if rounded else 0}f}"
+    return f"{rounded:.2e}"
 
 
 def number(value: float) -> str:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.numerics.lti import Array
-from rths_cli.report.answer import three
 from rths_cli.report.figures.figure_data import NotDrawn
 from rths_cli.report.figures.panels import empty_figure
 from rths_cli.report.figures.style import BLACK, BLUE, GREY, ORANGE, VERMILLION, WIDTHS_MM, plain
@@ -26,6 +25,7 @@ from rths_cli.report.figures.sweep_figure import (
 )
 from rths_cli.report.study_indices import indexed_keys, indices_of
 from rths_cli.report.sweep_metric import Gridded, as_text, gridded, named, short_key
+from rths_cli.report.text_layout import three
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -49,7 +49,7 @@ ROUNDS = 12  # most solutions, each with specimen and size of the residual of th
 FAR, SETTLED = 2e-3, 1e-6  # change of the specimen's parameters from which slopes are taken anew; at which they end
 SAME_COMMAND = 0.05  # largest relative difference of the two commands' lines
 SHARED = 35.0 / 18.0  # mean(w^4) / mean(w^2)^2 of a Hann window: by it neighbouring lines tell less than single ones
-FALSE_ALARM = 1e-3  # probability with which instants that have not changed are taken for changed ones
+FALSE_ALARM = 1e-3  # probability with which instants, or gains stated as exact, are taken for changed ones by chance
 SHOWN = 3.0  # standard uncertainties from which another delay is taken for one
 LEAST_LINES = 40
 NO_LINES = "the model holds no lines of it, or no specimen"
@@ -94,10 +94,9 @@ def session_change(known: Identification, again: Record, info: RigInfo, drift: f
     """Return what changed since an identification, from its record at low level played again; a reason where the two
     records cannot be compared.
 
-    `drift`: standard uncertainty of a change of a sensitivity, relative; LEAST_DRIFT if it is less.
+    `drift`: standard uncertainty of a change of a sensitivity, relative. Where it is less than
+    LEAST_DRIFT, gains that the record shows to have changed by more are found all the same.
     """
-    from scipy.stats import chi2
-
     before, fit = known.low_level_lines, known.specimen
     if before is None or fit is None:
         return NO_LINES
@@ -122,12 +121,14 @@ def session_change(known: Identification, again: Record, info: RigInfo, drift: f
     problem = _Problem(rows, changed[1:] - over * changed[0], white, fit, before.frequency_hz, table, info.dt_s)
     instants = np.append(np.full(c - 1, LAG_PRIOR * info.dt_s), ripple_prior(model, info.dt_s))
     gains, nuisance = np.full(c, max(drift, LEAST_DRIFT)), CORNER_PRIOR * (corners.ravel() > 0.0)
-    found, spread, size = problem.most_probable(np.concatenate([gains, instants, nuisance]))
-    moved = found[c : 2 * c] / instants
-    if moved @ np.linalg.solve(spread[c : 2 * c, c : 2 * c] / np.outer(instants, instants), moved) <= chi2.isf(
-        FALSE_ALARM, c
-    ):
-        found, spread, size = problem.most_probable(np.concatenate([gains, 0.0 * instants, nuisance]))
+    priors = np.concatenate([gains, instants, nuisance])
+    found, spread, size = problem.most_probable(priors)
+    if not _shown(found, spread, slice(c, 2 * c), c):
+        priors[c : 2 * c] = 0.0
+        found, spread, size = problem.most_probable(priors)
+    if drift < LEAST_DRIFT and not _shown(found, spread, slice(0, c), c - 1):  # the gain that all share is not seen
+        priors[:c] = drift
+        found, spread, size = problem.most_probable(priors)
     full, free = np.zeros((2 * c + 1, 2 * c + 1)), np.array([*range(c), *range(c + 1, 2 * c + 1)])
     full[np.ix_(free, free)] = spread[: 2 * c, : 2 * c]
     change = SessionChange(found[:c], np.append(0.0, found[c : 2 * c - 1]), float(found[2 * c - 1]), full, size)
@@ -136,6 +137,16 @@ def session_change(known: Identification, again: Record, info: RigInfo, drift: f
     moved = changed[0] - change.gain[0] * was[0] - change.ripple_m_s2_per_v * alias
     late_s, error_s = _later(moved, was[0] - model.ripple_m_s2_per_v * alias, fit, s)
     return replace(change, delay_s=late_s, delay_error_s=error_s) if abs(late_s) > SHOWN * error_s else change
+
+
+def _shown(found: Array, spread: Array, places: slice, count: int) -> bool:
+    """Tell whether parameters, `count` of which the record can show, have changed: one chi-square test of all."""
+    from scipy.stats import chi2
+
+    errors = np.sqrt(np.diag(spread)[places])
+    pulls = found[places] / errors
+    squares = pulls @ np.linalg.solve(spread[places, places] / np.outer(errors, errors), pulls)
+    return bool(squares > chi2.isf(FALSE_ALARM, count))
 
 
 def _whitening(over: ComplexArray, noise: Array) -> ComplexArray:

@@ -170,7 +170,7 @@ def test_instants_are_as_they_were_unless_the_record_shows_another():
 
 @pytest.mark.parametrize("noise", [3e-4, 2e-3])
 def test_two_standard_uncertainties_hold_as_often_as_they_say(noise):
-    """40 drifts of 0.05 %, instants that move in half of them, 0.5 % of stiffness in half; 0.88 to 1 (0.95 expected)."""
+    """40 drifts of 0.05 %, instants that move in half of them, 0.5 % of stiffness in half; 0.88 to 1."""
     random, within = np.random.default_rng(5), {"ratio": [], "common": []}
     late_s, softer = np.array([0.0, -2e-5, 3e-5]), STIFFNESS * [1.005, 0.995]
     kinds = [motions(stiffness, late) for stiffness in (STIFFNESS, softer) for late in (NO_LAG, late_s)]

@@ -52,7 +52,7 @@ class Memory:
         self._plans: dict[str, Excitation] = {}
         self._files: dict[str, Stored | ForeignModel] = {}
         self._known: dict[str, Known] = dict(known or {})
-        self._sessions: dict[str, SessionChange | None] = {}
+        self._sessions: dict[str, SessionChange | str] = {}
         self._lock = RLock()
 
     def prepare(self, setup: Setup) -> None:
@@ -101,10 +101,19 @@ class Memory:
         """
         from rths_cli.experiment.identify_on_rig import noted
         from rths_cli.experiment.model_verification import low_level_record
-        from rths_cli.experiment.session import change_shown, session_key, wants_session_record, with_session
+        from rths_cli.experiment.session import (
+            change_shown,
+            not_compared,
+            session_key,
+            wants_session_record,
+            with_session,
+        )
 
-        if not wants_session_record(setup) or known.found.low_level_lines is None or known.reasons:
+        if not wants_session_record(setup) or known.reasons:
             return known
+        if known.found.low_level_lines is None:
+            asked = setup.case.session_record == "always" or known.found.specimen is not None
+            return replace(known, found=noted(known.found, not_compared())) if asked else known
         name = session_key(setup)
         with self._lock:
             if name not in self._sessions:
@@ -142,18 +151,20 @@ class Memory:
         """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
         from rths_cli.experiment.identify_on_rig import evaluated, measure, noted
         from rths_cli.experiment.model_verification import compared, low_level_record
-        from rths_cli.experiment.session import change_shown, session_key, wants_session_record, with_session
+        from rths_cli.experiment.session import change_shown, no_drift, session_key, wants_session_record, with_session
 
         if not isinstance(file, Stored):
             measured = measure(setup, progress, self.plan(setup))
             found = evaluated(setup, measured, as_model(file, setup))
             where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
             return Known(noted(found, notes_on(file)), where)
-        record, there = low_level_record(setup, file.found, progress), file.found
+        record, there, refused = low_level_record(setup, file.found, progress), file.found, tuple[str, ...]()
         if wants_session_record(setup):
             change = self._sessions[session_key(setup)] = change_shown(setup, file.found, record)
             there = with_session(setup, file.found, change)[0]
+            refused = () if isinstance(change, str) or not change.believed else no_drift(setup, file.found, change)
         changes, sentence = compared(setup, there, record)
+        changes = (*changes, *refused)
         where = _named(file)
         reasons = (f"{where}: {'; '.join(changes)}",) if changes else ()
         return Known(noted(file.found, reasons or (f"{where}; {sentence}",)), where, reasons)

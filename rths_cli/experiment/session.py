@@ -9,13 +9,17 @@ import numpy as np
 
 from rths_cli.experiment.model_files import key
 from rths_cli.experiment.setup import Setup
-from rths_cli.identification.session_record import in_session, session_change
+from rths_cli.identification.sensor_calibration import ripple_prior
+from rths_cli.identification.session_record import NO_LINES, in_session, session_change
 
 if TYPE_CHECKING:
     from rths_cli.identification.record_parts import Record
     from rths_cli.identification.results import Identification, SessionChange
 
 TOLD = 3.0  # standard uncertainties of the drift from which a change of a sensor is told
+MOST_RATIO = 0.03  # of two sensors' gains: no drift of a sensor that is sound and well mounted
+MOST_LAG = 1.0  # sample intervals
+MOST_ALIAS = 3.0  # times as much as any instant of sampling makes it
 
 
 def wants_session_record(setup: Setup) -> bool:
@@ -32,26 +36,55 @@ def session_key(setup: Setup) -> str:
     return f"{key(setup)} {setup.case.seed} {setup.case.table.model_dump_json(include={'after_identification'})}"
 
 
-def change_shown(setup: Setup, known: Identification, record: Record) -> SessionChange | None:
-    """Return what a session's record shows, None where it cannot be compared with that of the identification."""
+def change_shown(setup: Setup, known: Identification, record: Record) -> SessionChange | str:
+    """Return what a session's record shows, a reason where it cannot be compared with that of the identification."""
     setup = setup.calibrated(known)
     return session_change(known, record, setup.rig, setup.rig.uncertainty.drift)
 
 
 def with_session(
-    setup: Setup, known: Identification, change: SessionChange | None
+    setup: Setup, known: Identification, change: SessionChange | str
 ) -> tuple[Identification, tuple[str, ...]]:
     """Return an identification as it stands in a session, and sentences on what has changed; as it is where the
-    records differ by more than sensors and a slightly changed specimen explain."""
-    if change is None:
-        return known, ()
+    records differ by more than sensors and a slightly changed specimen explain, or by what is no drift."""
+    if isinstance(change, str):
+        return known, not_compared(change)
     if not change.believed:
         return known, (
             "record of this session: table and floors move otherwise than at the identification, "
             f"{change.unexplained:.3g} times as much as noise is left unexplained; the drift of sensors is not "
             "corrected, identify again",
         )
+    if refused := no_drift(setup, known, change):
+        return known, refused
     return in_session(known, change), tuple(_sentences(setup, change))
+
+
+def not_compared(reason: str = NO_LINES) -> tuple[str, ...]:
+    """Return the sentence that tells why a session's record is not compared with that of the identification."""
+    return (f"record of this session: not compared with that of the identification, {reason}; drift is not corrected",)
+
+
+def no_drift(setup: Setup, known: Identification, change: SessionChange) -> tuple[str, ...]:
+    """Return sentences on what has changed by more than sound sensors and converters do; then nothing is taken up."""
+    dt_s, floors, told = setup.rig.dt_s, setup.rig.channels[1:], list[str]()
+    for floor, ratio, late_s in zip(floors, change.ratio, change.late_s[1:], strict=False):
+        if abs(ratio) > MOST_RATIO:
+            told.append(
+                f"record of this session: gain of {floor.name} against the table's sensor changed by "
+                f"{100.0 * ratio:+.2g} %, which is no drift: look at sensor and mount, identify again"
+            )
+        if abs(late_s) > MOST_LAG * dt_s:
+            told.append(
+                f"record of this session: lag of {floor.name} after the table's channel changed by {1e6 * late_s:+.0f} "
+                "us, more than a sample interval: look at filters and converters, identify again"
+            )
+    if abs(change.ripple_m_s2_per_v) > MOST_ALIAS * ripple_prior(known.best, dt_s):
+        told.append(
+            f"record of this session: the alias of the held command changed by {change.ripple_m_s2_per_v:+.2g} m/s^2 "
+            "per V, more than any instant of sampling explains: look at the converters, identify again"
+        )
+    return tuple(told)
 
 
 def _sentences(setup: Setup, change: SessionChange) -> list[str]:

@@ -10,7 +10,7 @@ from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
 from rths_cli.structure import Specimen
 
-MOST_UNEXPLAINED = 4.0  # rms of what a session's change of sensors leaves, in units of the noise at rest
+MOST_UNEXPLAINED = 2.0  # rms of what a session's change of sensors leaves, in units of the noise at rest
 LEAST_HELD_OUT = 0.5  # of the low-level record's power: what friction must remove to be countered
 
 

@@ -12,9 +12,10 @@ its own course over frequency: a gain keeps its size, the lag of a channel grows
 relative to the motion, a stiffness acts near the modes. The alias is in the samples of the table alone.
 
 The estimate is the most probable one under independent normal priors, its covariance that of the posterior
-(A. Tarantola, Inverse Problem Theory, 2005, chapter 3); the size of the noise is that of what is left unexplained. AC
-corners are not free: far below the table's resonance a changed corner and a changed alias look the same. Converters
-act at the same instants in both sessions unless the records show another.
+(A. Tarantola, Inverse Problem Theory, 2005, chapter 3); the size of the noise is that of what is left unexplained. The
+noise of the table's line is in all floors, so that they are whitened line by line; lines beside one another share noise
+by their window. AC corners may have moved a little: they are estimated beside the rest and not taken up. Converters act
+at the same instants in both sessions unless the records show another.
 """
 
 from __future__ import annotations
@@ -39,14 +40,19 @@ from rths_cli.identification.specimen_fit import ABOVE_HIGHEST, modal
 from rths_cli.numerics.lti import Array, ComplexArray, staircase
 from rths_cli.rigs.description import RigInfo
 
+LEAST_DRIFT = 5e-4  # relative: least standard uncertainty of a change of a gain, also on a rig that states none
+CORNER_PRIOR = 0.01  # relative: of a change of an AC coupling's corner, by temperature and age of its parts
 LAG_PRIOR = 0.25  # of a sample interval: standard uncertainty of a change of the lag between two channels
 STIFFNESS_PRIOR, DAMPING_PRIOR = 0.1, 0.5  # relative: of the specimen's stiffnesses and damping ratios
 STEP = 1e-4  # of the logarithms of stiffness and damping ratio, over which slopes are taken
 ROUNDS = 12  # most solutions, each with specimen and size of the residual of the one before
 FAR, SETTLED = 2e-3, 1e-6  # change of the specimen's parameters from which slopes are taken anew; at which they end
 SAME_COMMAND = 0.05  # largest relative difference of the two commands' lines
-SHOWN = 3.0  # standard uncertainties from which a change of instants is taken for one
+SHARED = 35.0 / 18.0  # mean(w^4) / mean(w^2)^2 of a Hann window: by it neighbouring lines tell less than single ones
+FALSE_ALARM = 1e-3  # probability with which instants, or gains stated as exact, are taken for changed ones by chance
+SHOWN = 3.0  # standard uncertainties from which another delay is taken for one
 LEAST_LINES = 40
+NO_LINES = "the model holds no lines of it, or no specimen"
 LEAST_NOISE = 1e-4  # of a channel's motion
 BELOW_NYQUIST = 0.4  # of the sample rate, up to which lines are used
 LEAST_SIZE = 1e-3  # of what is left unexplained, in units of the noise at rest
@@ -84,18 +90,22 @@ def _lines(signal: Array, frequency_hz: Array, dt_s: float) -> ComplexArray:
     return np.asarray(np.fft.rfft(np.hanning(samples) * signal, axis=-1)[..., first : first + len(frequency_hz)])
 
 
-def session_change(known: Identification, again: Record, info: RigInfo, drift: float) -> SessionChange | None:
-    """Return what changed since an identification, from its record at low level played again.
+def session_change(known: Identification, again: Record, info: RigInfo, drift: float) -> SessionChange | str:
+    """Return what changed since an identification, from its record at low level played again; a reason where the two
+    records cannot be compared.
 
-    `drift`: standard uncertainty of a change of a sensitivity, relative. None where the identification keeps no lines
-    of that record, or the new one is another: other length, another command.
+    `drift`: standard uncertainty of a change of a sensitivity, relative. Where it is less than
+    LEAST_DRIFT, gains that the record shows to have changed by more are found all the same.
     """
     before, fit = known.low_level_lines, known.specimen
-    if before is None or fit is None or len(before.frequency_hz) < LEAST_LINES:
-        return None
+    if before is None or fit is None:
+        return NO_LINES
+    if len(before.frequency_hz) < LEAST_LINES:
+        return f"it has only {len(before.frequency_hz)} lines"
     now = low_level_lines(again, info, float(before.frequency_hz[0]), fit.natural_frequency_hz[-1])
-    if not _comparable(before, now):
-        return None
+    apart = _incomparable(before, now)
+    if apart:
+        return apart
     model, c = known.best, len(before.accel_m_s2)
     s: ComplexArray = 2j * np.pi * before.frequency_hz.astype(complex)
     was = before.accel_m_s2 * (now.command_v / before.command_v)
@@ -103,23 +113,50 @@ def session_change(known: Identification, again: Record, info: RigInfo, drift: f
     over = was[1:] / (was[0] - model.ripple_m_s2_per_v * alias)
     changed = now.accel_m_s2 - was
     by_gain = np.concatenate([-(over * was[0])[None], np.eye(c - 1)[:, :, None] * was[1:]])  # (c, c - 1, m)
-    noise = np.hypot(before.noise, now.noise)[:, None]
-    weight = np.sqrt(2.0) / np.hypot(noise[1:], np.abs(over) * noise[0])
-    rows = np.concatenate([by_gain, -s * by_gain[1:], -(over * alias)[None]])
+    corners = 2.0 * np.pi * np.array([channel.high_pass_hz for channel in info.channels[:c]])[:, None, None]
+    by_corner = -corners / (s + corners) * by_gain
+    rows = np.concatenate([by_gain, -s * by_gain[1:], -(over * alias)[None], by_corner])
     table = without_staircase(again.accel_m_s2[0], again.command_v, model)
-    problem = _Problem(rows, changed[1:] - over * changed[0], weight, fit, before.frequency_hz, table, info.dt_s)
+    white = _whitening(over, np.hypot(before.noise, now.noise))
+    problem = _Problem(rows, changed[1:] - over * changed[0], white, fit, before.frequency_hz, table, info.dt_s)
     instants = np.append(np.full(c - 1, LAG_PRIOR * info.dt_s), ripple_prior(model, info.dt_s))
-    found, spread, size = problem.most_probable(np.append(np.full(c, drift), instants))
-    if np.all(np.abs(found[c:]) <= SHOWN * np.sqrt(np.diag(spread)[c:])):
-        found, spread, size = problem.most_probable(np.append(np.full(c, drift), 0.0 * instants))
+    gains, nuisance = np.full(c, max(drift, LEAST_DRIFT)), CORNER_PRIOR * (corners.ravel() > 0.0)
+    priors = np.concatenate([gains, instants, nuisance])
+    found, spread, size = problem.most_probable(priors)
+    if not _shown(found, spread, slice(c, 2 * c), c):
+        priors[c : 2 * c] = 0.0
+        found, spread, size = problem.most_probable(priors)
+    if drift < LEAST_DRIFT and not _shown(found, spread, slice(0, c), c - 1):  # the gain that all share is not seen
+        priors[:c] = drift
+        found, spread, size = problem.most_probable(priors)
     full, free = np.zeros((2 * c + 1, 2 * c + 1)), np.array([*range(c), *range(c + 1, 2 * c + 1)])
-    full[np.ix_(free, free)] = spread
-    change = SessionChange(found[:c], np.append(0.0, found[c:-1]), float(found[-1]), full, size)
-    if not found[c:].any():
+    full[np.ix_(free, free)] = spread[: 2 * c, : 2 * c]
+    change = SessionChange(found[:c], np.append(0.0, found[c : 2 * c - 1]), float(found[2 * c - 1]), full, size)
+    if not found[c : 2 * c].any():
         return change
     moved = changed[0] - change.gain[0] * was[0] - change.ripple_m_s2_per_v * alias
     late_s, error_s = _later(moved, was[0] - model.ripple_m_s2_per_v * alias, fit, s)
     return replace(change, delay_s=late_s, delay_error_s=error_s) if abs(late_s) > SHOWN * error_s else change
+
+
+def _shown(found: Array, spread: Array, places: slice, count: int) -> bool:
+    """Tell whether parameters, `count` of which the record can show, have changed: one chi-square test of all."""
+    from scipy.stats import chi2
+
+    errors = np.sqrt(np.diag(spread)[places])
+    pulls = found[places] / errors
+    squares = pulls @ np.linalg.solve(spread[places, places] / np.outer(errors, errors), pulls)
+    return bool(squares > chi2.isf(FALSE_ALARM, count))
+
+
+def _whitening(over: ComplexArray, noise: Array) -> ComplexArray:
+    """Return the matrices (m, n, n) that make real and imaginary parts of the floors' lines independent, of variance 1.
+
+    `over` (n, m): the floors' motion over the table's, `noise` (1 + n,): of a line of the channels. The table's noise
+    is in all floors.
+    """
+    shared = np.einsum("jm,km->mjk", over, over.conj()) * noise[0] ** 2
+    return np.asarray(np.sqrt(2.0) * np.linalg.inv(np.linalg.cholesky(shared + np.diag(noise[1:] ** 2))))
 
 
 def _later(moved: ComplexArray, table: ComplexArray, fit: SpecimenFit, s: ComplexArray) -> tuple[float, float]:
@@ -132,35 +169,38 @@ def _later(moved: ComplexArray, table: ComplexArray, fit: SpecimenFit, s: Comple
     rows = parts(table * np.concatenate([[-s, np.ones_like(s)], modes, s / omega * modes]))
     found = linear(rows, parts(moved))
     left = parts(moved) - found @ rows
-    return float(found[0]), float(np.sqrt(covariance(rows, float(left @ left) / (left.size - len(rows)))[0, 0]))
+    error_s = float(np.sqrt(SHARED * covariance(rows, float(left @ left) / (left.size - len(rows)))[0, 0]))
+    return float(found[0]), error_s
 
 
-def _comparable(before: LowLevelLines, now: LowLevelLines) -> bool:
-    """Tell whether two records have the same command but for rounding and level."""
+def _incomparable(before: LowLevelLines, now: LowLevelLines) -> str:
+    """Return why two records do not have the same command but for rounding and level, "" where they have it."""
     if before.frequency_hz.shape != now.frequency_hz.shape or not np.allclose(before.frequency_hz, now.frequency_hz):
-        return False
+        return "it has another length"
+    if not np.isfinite(now.accel_m_s2).all():
+        return "samples are lost"
     apart = np.linalg.norm(now.command_v - before.command_v)
-    return bool(np.isfinite(now.accel_m_s2).all() and apart < SAME_COMMAND * np.linalg.norm(before.command_v))
+    return "" if apart < SAME_COMMAND * np.linalg.norm(before.command_v) else "it has another command"
 
 
 @dataclass(frozen=True)
 class _Problem:
     """What the floors do beyond table and specimen as they were, and what may explain it.
 
-    `rows` (k, n, m) per unit of gains and instants, `beyond` (n, m) in m/s^2, `weight` (n, m) one over the noise. The
+    `rows` (k, n, m) per unit of gains, instants and corners, `beyond` (n, m) in m/s^2, `white` (m, n, n) whitens. The
     specimen adds its stiffnesses and damping ratios; `table` (samples,) in m/s^2 is the motion under it.
     """
 
     rows: ComplexArray
     beyond: ComplexArray
-    weight: Array
+    white: ComplexArray
     fit: SpecimenFit
     frequency_hz: Array
     table: Array
     dt_s: float
 
     def most_probable(self, priors: Array) -> tuple[Array, Array, float]:
-        """Return gains and instants (k,), their covariance and the rms of what is left, in units of the noise.
+        """Return gains, instants and corners (k,), their covariance and the rms of what is left, in units of the noise.
 
         `priors` (k,) are their standard uncertainties, 0: not free.
         """
@@ -176,18 +216,18 @@ class _Problem:
             wanted = self._weighted((self.beyond - beside)[None])[0]
             every = self._weighted(np.concatenate([self.rows, slopes])) * priors[:, None]
             products, before = every @ every.T, found
-            scaled = np.linalg.solve(products + size**2 * np.eye(len(priors)), every @ wanted)
+            scaled = np.linalg.solve(products + SHARED * size**2 * np.eye(len(priors)), every @ wanted)
             left = wanted - scaled @ every
             size = max(float(np.sqrt(left @ left / (left.size - len(priors)))), LEAST_SIZE)
             found = scaled * priors
             if np.abs(found - before)[k:].max() < SETTLED:
                 break
-        spread = np.linalg.inv(products / size**2 + np.eye(len(priors))) * np.outer(priors, priors)
+        spread = np.linalg.inv(products / (SHARED * size**2) + np.eye(len(priors))) * np.outer(priors, priors)
         return found[:k], spread[:k, :k], size
 
     def _weighted(self, rows: ComplexArray) -> Array:
-        """Return rows (k, n, m) over the noise, real and imaginary parts side by side."""
-        return parts(self.weight * rows).reshape(len(rows), -1)
+        """Return rows (k, n, m) whitened, real and imaginary parts side by side."""
+        return parts(np.einsum("mij,kjm->kim", self.white, rows)).reshape(len(rows), -1)
 
     @cached_property
     def _specimen(self) -> tuple[ComplexArray, ComplexArray]:

@@ -148,10 +148,10 @@ def best_start(problem: Problem, modes: tuple[Array, Array], compared: ComparedB
     specimen = np.column_stack([2.0 * np.pi * modes[0], modes[1]])
     decks = [np.zeros((0, 2))]
     if few.layout.pole_pairs > len(specimen) + 1:
-        decks = [np.array([[2.0 * np.pi * compared.with_high(hz), DECK_RATIO]]) for hz in DECK_HZ]
+        decks = [np.array([[2.0 * np.pi * compared.with_high(deck_hz), DECK_RATIO]]) for deck_hz in DECK_HZ]
     starts = []
-    for *loop, deck in product(LOOP_HZ, LOOP_RATIO, LOOP_STIFFENING, decks):
-        pair, corner = _loop_roots(*loop, compared.with_high(1.0))
+    for hz, ratio, stiffening, deck in product(LOOP_HZ, LOOP_RATIO, LOOP_STIFFENING, decks):
+        pair, corner = _loop_roots(hz, ratio, stiffening, compared.with_high(1.0))
         pairs = np.vstack([specimen * [0.99, 1.05], [pair], deck])
         starts.append(np.append(pack(gain, pairs, corner, specimen), 0.0))
     return best_of(few, starts, few.layout.zeros(few.layout.zero_pairs))

@@ -200,11 +200,11 @@ def _second(record: Record) -> Record:
 
 def held_out_error(trial: Trial, base: Fit, halves: tuple[Frf, ...]) -> float:
     """Return the rms error over both halves, each fitted to the other one, in standard errors of the responses."""
-    squares = [_score(_fitted(trial, base, fitted), judged) for fitted, judged in (halves, halves[::-1])]
+    squares = [mean_square(_fitted(trial, base, fitted), judged) for fitted, judged in (halves, halves[::-1])]
     return float(np.sqrt(np.mean(squares)))
 
 
-def _score(found: Fit, frf: Frf) -> float:
+def mean_square(found: Fit, frf: Frf) -> float:
     """Return the mean square of |model / FRF - 1| over the FRF's standard error (of real or imaginary part)."""
     inside = within(frf.frequency_hz, found.model.band_hz)
     f = frf.frequency_hz[inside]

@@ -118,20 +118,24 @@ def zeros_poles_gain(layout: Layout, parameters: Array, sign: float) -> tuple[Co
 
 # starts of the first fit; frequencies and lag belong to the usual compared band
 LOOP_HZ, LOOP_RATIO, LOOP_STIFFENING, LAG_S = (7.0, 14.0, 26.0), (0.35, 0.7), (1.0, 3.0), 2e-3
+DECK_HZ, DECK_RATIO = (25.0, 50.0, 100.0, 200.0), 0.1  # resonance of a deck on a flexible drive, with the drive free
 START_LINES = 200
 STARTS_KEPT = 4
 
 
 def first_fit(
-    frf: Frf, modes: tuple[Array, Array], timing: Timing, band_hz: tuple[float, float], compared: ComparedBand = USUAL
-) -> Fit:
+    frf: Frf, modes: tuple[Array, Array], timing: Timing, band_hz: tuple[float, float], compared: ComparedBand = USUAL,
+    flexible: bool = False,
+) -> Fit:  # fmt: skip
     """Fit 2 n + 3 poles and the ripple, with the declared delay, 2 n fixed finite zeros and the best of many starts.
 
-    `modes`: natural frequencies in Hz and damping ratios (n,) of the specimen on a fixed base. The table cannot move at
-    these frequencies, whatever drives it; they are its zeros. Raises InputError if the band has too few lines.
+    A `flexible` drive adds a pole pair and no zero, because a spring between coil and deck has a force at every
+    frequency. `modes`: natural frequencies in Hz and damping ratios (n,) of the specimen on a fixed base. The table
+    cannot move at these frequencies, whatever drives it; they are its zeros. Raises InputError if the band has too few
+    lines.
     """
     floors = len(modes[0])
-    layout = Layout(floors + 1, 1, floors, timing.delay_s)
+    layout = Layout(floors + 1 + flexible, 1, floors, timing.delay_s)
     problem = problem_of(frf, layout, timing, band_hz, ripple=True)
     return fit(frf, layout, best_start(problem, modes, compared), timing, band_hz, ripple=True, held_zeros=floors)
 
@@ -142,10 +146,14 @@ def best_start(problem: Problem, modes: tuple[Array, Array], compared: ComparedB
     low = slice(0, 10)
     gain = float(np.median(np.abs(few.measured[low] / few.s[low] ** 2)))
     specimen = np.column_stack([2.0 * np.pi * modes[0], modes[1]])
+    decks = [np.zeros((0, 2))]
+    if few.layout.pole_pairs > len(specimen) + 1:
+        decks = [np.array([[2.0 * np.pi * compared.with_high(deck_hz), DECK_RATIO]]) for deck_hz in DECK_HZ]
     starts = []
-    for loop in product(LOOP_HZ, LOOP_RATIO, LOOP_STIFFENING):
-        pair, corner = _loop_roots(*loop, compared.with_high(1.0))
-        starts.append(np.append(pack(gain, np.vstack([specimen * [0.99, 1.05], [pair]]), corner, specimen), 0.0))
+    for hz, ratio, stiffening, deck in product(LOOP_HZ, LOOP_RATIO, LOOP_STIFFENING, decks):
+        pair, corner = _loop_roots(hz, ratio, stiffening, compared.with_high(1.0))
+        pairs = np.vstack([specimen * [0.99, 1.05], [pair], deck])
+        starts.append(np.append(pack(gain, pairs, corner, specimen), 0.0))
     return best_of(few, starts, few.layout.zeros(few.layout.zero_pairs))
 
 
@@ -312,6 +320,14 @@ def fit(
     sampling = (timing.latency_samples, timing.dt_s, timing.coupling_hz)
     model = Model(zeros, poles, gain, delay, band_hz, staircase_share, *sampling)
     return Fit(model, layout, theta, frf.bandwidth_lines * spread, held_zeros)
+
+
+def without_fastest_pair(found: Fit) -> Fit:
+    """Return a fit as the start of one without its fastest pole pair; model and covariance stay those of the fit."""
+    pairs = found.layout.pairs(found.parameters)[0]
+    first = 1 + 2 * int(np.argmax(pairs[:, 0]))
+    layout = replace(found.layout, pole_pairs=found.layout.pole_pairs - 1)
+    return replace(found, layout=layout, parameters=np.delete(found.parameters, [first, first + 1]))
 
 
 def refit(frf: Frf, before: Fit) -> Fit:

@@ -99,18 +99,14 @@ class Memory:
 
         The record that verified a model file is that of the session.
         """
-        from rths_cli.experiment.identify_on_rig import noted
-        from rths_cli.experiment.model_verification import low_level_record
-        from rths_cli.experiment.session import (
-            change_shown,
-            not_compared,
-            session_key,
-            wants_session_record,
-            with_session,
-        )
+        from rths_cli.experiment.session import wants_session_record
 
         if not wants_session_record(setup) or known.reasons:
             return known
+        from rths_cli.experiment.identify_on_rig import noted
+        from rths_cli.experiment.model_verification import low_level_record
+        from rths_cli.experiment.session import change_shown, not_compared, session_key, with_session
+
         if known.found.low_level_lines is None:
             asked = setup.case.session_record == "always" or known.found.specimen is not None
             return replace(known, found=noted(known.found, not_compared())) if asked else known

@@ -9,8 +9,7 @@ import numpy as np
 
 from rths_cli.experiment.model_files import key
 from rths_cli.experiment.setup import Setup
-from rths_cli.identification.sensor_calibration import ripple_prior
-from rths_cli.identification.session_record import NO_LINES, in_session, session_change
+from rths_cli.identification.results import NO_LINES
 
 if TYPE_CHECKING:
     from rths_cli.identification.record_parts import Record
@@ -38,6 +37,8 @@ def session_key(setup: Setup) -> str:
 
 def change_shown(setup: Setup, known: Identification, record: Record) -> SessionChange | str:
     """Return what a session's record shows, a reason where it cannot be compared with that of the identification."""
+    from rths_cli.identification.session_record import session_change
+
     setup = setup.calibrated(known)
     return session_change(known, record, setup.rig, setup.rig.uncertainty.drift)
 
@@ -57,6 +58,8 @@ def with_session(
         )
     if refused := no_drift(setup, known, change):
         return known, refused
+    from rths_cli.identification.session_record import in_session
+
     return in_session(known, change), tuple(_sentences(setup, change))
 
 
@@ -79,6 +82,8 @@ def no_drift(setup: Setup, known: Identification, change: SessionChange) -> tupl
                 f"record of this session: lag of {floor.name} after the table's channel changed by {1e6 * late_s:+.0f} "
                 "us, more than a sample interval: look at filters and converters, identify again"
             )
+    from rths_cli.identification.sensor_calibration import ripple_prior
+
     if abs(change.ripple_m_s2_per_v) > MOST_ALIAS * ripple_prior(known.best, dt_s):
         told.append(
             f"record of this session: the alias of the held command changed by {change.ripple_m_s2_per_v:+.2g} m/s^2 "

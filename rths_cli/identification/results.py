@@ -12,6 +12,7 @@ from rths_cli.structure import Specimen
 
 MOST_UNEXPLAINED = 2.0  # rms of what a session's change of sensors leaves, in units of the noise at rest
 LEAST_HELD_OUT = 0.5  # of the low-level record's power: what friction must remove to be countered
+NO_LINES = "the model holds no lines of it, or no specimen"  # of the record at low level
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from rths_cli.identification.identify_specimen import without_staircase
 from rths_cli.identification.least_squares import covariance, linear, parts
 from rths_cli.identification.record_parts import Record, padded
 from rths_cli.identification.results import (
+    NO_LINES,
     Calibration,
     Identification,
     LowLevelLines,
@@ -52,7 +53,6 @@ SHARED = 35.0 / 18.0  # mean(w^4) / mean(w^2)^2 of a Hann window: by it neighbou
 FALSE_ALARM = 1e-3  # probability with which instants, or gains stated as exact, are taken for changed ones by chance
 SHOWN = 3.0  # standard uncertainties from which another delay is taken for one
 LEAST_LINES = 40
-NO_LINES = "the model holds no lines of it, or no specimen"
 LEAST_NOISE = 1e-4  # of a channel's motion
 BELOW_NYQUIST = 0.4  # of the sample rate, up to which lines are used
 LEAST_SIZE = 1e-3  # of what is left unexplained, in units of the noise at rest

@@ -27,8 +27,8 @@ from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.content_key import content_key
-from rths_cli.studies.sweep_runs import Shared
 from rths_cli.structure.tangents import at_rest
+from rths_cli.studies.sweep_runs import Shared
 
 COARSE = ("scaling=0.064", "table.converters.bits=14", "runs=[sim, sim_delay, exp_rths]")
 CASE = "el_centro_low_ff_fb"
@@ -191,9 +191,8 @@ def test_a_feedforward_of_the_callers_own_gets_the_plain_one(default_identificat
 def test_a_loop_that_is_not_safe_with_another_specimen_is_judged_without(
     default_identification: Identification, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A building with little damping, whose margins just suffice: not with a specimen of twice the stiffness. Without the
-    reaction the table's response is taken as it was identified, and no end was stated."""
-    monkeypatch.setattr(design_choice, "REACTION_RANGE", (2.0, 1.0))
+    """Thirty times as stiff, to have one: without the reaction the table's response is taken as it was identified."""
+    monkeypatch.setattr(design_choice, "REACTION_RANGE", (30.0, 1.0))
     words = "controller={{kind: FF+FB, command_weight: 0.0047, reaction_feedforward: {}}}"
     automatic, off = (
         make_setup(load_cases(["el_centro_bare_ff_fb"], (words.format(key),))[0]) for key in ("automatic", "false")
@@ -204,7 +203,7 @@ def test_a_loop_that_is_not_safe_with_another_specimen_is_judged_without(
     assert not found.blocks.counters_reaction and content_key(found.blocks) == content_key(without.blocks)
     assert (judged.preflight.verdict, judged.preflight.reasons) == (SAFE, ()) == (wanted.preflight.verdict, ())
     (told,) = [one for one in of_case(automatic, identified, found) if one.startswith("controller.reaction")]
-    assert "automatic leaves it off: the test would not be safe with it: with specimen at 200 %" in told
+    assert "automatic leaves it off: the test would not be safe with it: with specimen at 3e+03 %" in told
 
 
 def test_a_row_of_a_sweep_gets_the_design_that_its_case_gets_alone(memory: Memory) -> None:

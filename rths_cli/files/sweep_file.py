@@ -128,9 +128,8 @@ class Head:
 
 def write_sweep(path: Path, sweep: Sweep) -> None:
     """Write the file of a sweep; raises InputError when the disk refuses."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with new_large_hdf5(part) as (file, commit):
+        with written_whole(path) as part, new_large_hdf5(part) as (file, commit):
             about = {"format": FORMAT, "format_version": FORMAT_VERSION, "seeds_per_point": sweep.seeds_per_point}
             names = {"coordinates": " ".join(["seed", *sweep.varied]), "figures": " ".join(sweep.figures)}
             file.attrs.update({**sweep.attributes, **about, **names})
@@ -141,12 +140,8 @@ def write_sweep(path: Path, sweep: Sweep) -> None:
                 write_group(file, batch, scales, written)
                 if left:  # a large table is not kept in memory twice
                     commit()
-        os.replace(part, path)
     except (OSError, RuntimeError) as error:
         raise InputError(refusal(path, "cannot write the result file", error)) from error
-    finally:
-        with suppress(OSError):
-            part.unlink()
 
 
 def read_attributes(path: Path) -> dict[str, Attribute]:

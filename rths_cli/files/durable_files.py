@@ -34,10 +34,12 @@ def part_of(path: Path) -> Path:
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield the name of a part that becomes `path` when the context is left; where that fails, no part stays.
+    """Yield the name of a part that becomes `path` when the context is left; where that fails, no part stays, and parts
+    that killed processes left are removed.
 
     Raises OSError where the part cannot be renamed.
     """
+    remove_leftovers(path)
     part = part_of(path)
     try:
         yield part

@@ -90,11 +90,46 @@ class Sweep:
     numbers: NDArray[np.int64] | None = None
 
 
+@dataclass(frozen=True)
+class FigureHead:
+    """One figure without its values: `shape` of those of one run, () or (n_storeys,)."""
+
+    shape: tuple[int, ...]
+    units: str
+    definition: str
+
+
+@dataclass(frozen=True)
+class Head:
+    """A sweep without its columns: `runs`, which keys are `varied` and whether each is a column of numbers, `figures`;
+    the rest as in `Sweep`."""
+
+    attributes: dict[str, Attribute]
+    case_yaml: str
+    resolved_yaml: str
+    seeds_per_point: int
+    runs: int
+    varied: dict[str, bool]
+    figures: dict[str, FigureHead]
+    study_yaml: str = ""
+    numbers: NDArray[np.int64] | None = None
+
+    def sweep(self, columns: dict[str, NDArray[Any]]) -> Sweep:
+        """Return the sweep with these columns (n,) by name, (n, n_storeys) for a figure of storeys. They are taken out
+        of `columns`: a long one is not kept twice."""
+        varied = {key: values_of_axis(columns.pop(key)) for key in self.varied}
+        texts = {name: tuple(columns.pop(name)) for name in TEXTS}
+        figures = {path: Figure(columns.pop(path), of.units, of.definition) for path, of in self.figures.items()}
+        return Sweep(
+            self.attributes, self.case_yaml, self.resolved_yaml, self.seeds_per_point, varied, columns.pop("seed"),
+            texts, figures, self.study_yaml, self.numbers,
+        )  # fmt: skip
+
+
 def write_sweep(path: Path, sweep: Sweep) -> None:
     """Write the file of a sweep; raises InputError when the disk refuses."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with new_large_hdf5(part) as (file, commit):
+        with written_whole(path) as part, new_large_hdf5(part) as (file, commit):
             about = {"format": FORMAT, "format_version": FORMAT_VERSION, "seeds_per_point": sweep.seeds_per_point}
             names = {"coordinates": " ".join(["seed", *sweep.varied]), "figures": " ".join(sweep.figures)}
             file.attrs.update({**sweep.attributes, **about, **names})
@@ -105,12 +140,8 @@ def write_sweep(path: Path, sweep: Sweep) -> None:
                 write_group(file, batch, scales, written)
                 if left:  # a large table is not kept in memory twice
                     commit()
-        os.replace(part, path)
     except (OSError, RuntimeError) as error:
         raise InputError(refusal(path, "cannot write the result file", error)) from error
-    finally:
-        with suppress(OSError):
-            part.unlink()
 
 
 def read_attributes(path: Path) -> dict[str, Attribute]:
@@ -131,6 +162,18 @@ def read_sweep(path: Path) -> Sweep:
 def read_part(path: Path) -> Sweep:
     """Return a part of a sweep, or a whole one, from its file; raises InputError as `read_sweep` does."""
     return _reading(path, _sweep)
+
+
+def read_head(path: Path) -> Head:
+    """Return what the file of a sweep or of a part states beside its columns; raises InputError as `read_sweep` does
+    where that is damaged."""
+    return _reading(path, _head)
+
+
+def read_columns(path: Path, keep: Callable[[str, NDArray[Any]], None]) -> None:
+    """Give every column of a sweep or a part to `keep`, with its name: seeds, varied keys and texts (n,), figures (n,)
+    or (n, n_storeys). One at a time is in memory. Raises InputError as `read_sweep` does."""
+    _reading(path, lambda file: _give_columns(file, _head(file), keep))
 
 
 def _reading(path: Path, read: Callable[[h5py.File], T], other: str = "is no file that rths sweep wrote") -> T:
@@ -169,6 +212,13 @@ def _check_version(path: Path, version: Attribute | None) -> None:
 
 def _sweep(file: h5py.File) -> Sweep:
     """Return what the file of a sweep holds; raises LayoutError unless it is a table of as many rows everywhere."""
+    head, found = _head(file), dict[str, NDArray[Any]]()
+    _give_columns(file, head, found.__setitem__)
+    return head.sweep(found)
+
+
+def _head(file: h5py.File) -> Head:
+    """Return what the file of a sweep states beside its columns, none of which is read; raises LayoutError."""
     about = attributes(file)
     for name in STATED:
         member(about, name, str if SWEEP_ATTRIBUTES[name].kind == "text" else int)
@@ -176,33 +226,44 @@ def _sweep(file: h5py.File) -> Sweep:
     if any("/" in name for name in nodes):
         raise LayoutError("has groups in it")
     _check_table(nodes)
-    spelt: dict[str, str] = {}
-    found = {name: _values(node, name, spelt) for name, node in nodes.items()}
-    units = {name: (text(node, "units"), text(node, "long_name")) for name, node in nodes.items()}
     keys = str(about["coordinates"]).split()[1:]
-    seed = _column(found, "seed", "iu", None)
-    runs, per_point = len(seed), int(about["seeds_per_point"])
+    runs, per_point = int(nodes["seed"].shape[0]), int(about["seeds_per_point"])
     numbers = _numbers(file, runs) if PART in about else None
     if per_point < 1 or not runs or (numbers is None and runs % per_point):
         raise LayoutError(f"has {runs} runs, {per_point} of each grid point")
-    paths = [name for name in found if name not in (*CASE, STUDY, *TEXTS, "seed", *keys)]
+    if numbers is not None and not 0 < member(about, "grid_points", int) * per_point <= MOST_RUNS:
+        raise LayoutError(f"is a part of {about['grid_points']} grid points with {per_point} runs each")
+    if lacks := [key for key in keys if key not in nodes]:
+        raise LayoutError(f"has not one {lacks[0]} per run")
+    paths = [name for name in nodes if name not in (*CASE, STUDY, *TEXTS, "seed", *keys)]
     order = str(about.get("figures", "")).split()
     if any(path not in paths for path in (*NEEDED, *order)):
         raise LayoutError("has not the figures of a sweep")
-    figures = {path: Figure(_figure(found, path, runs), *units[path]) for path in dict.fromkeys([*order, *paths])}
-    if len({figure.values.shape[1] for figure in figures.values() if figure.values.ndim > 1}) > 1:
+    figures = {path: _figure_head(nodes[path]) for path in dict.fromkeys([*order, *paths])}
+    if len({figure.shape for figure in figures.values() if figure.shape}) > 1:
         raise LayoutError("has figures of other numbers of storeys")
-    found.setdefault("processor", np.full(runs, "", dtype=object))  # an older rths did not write it
-    texts: dict[str, tuple[str, ...]] = {}
-    for name in TEXTS:
-        texts[name] = tuple(_column(found, name, "OSU", runs))
-        del found[name]  # a long column is not kept twice
-    varied: dict[str, tuple[Any, ...] | NDArray[Any]] = {
-        key: values_of_axis(_column(found, key, "OSUf", runs)) for key in keys
-    }
-    yaml, resolved = (member(found, name, str) for name in CASE)
-    study = member(found, STUDY, str) if STUDY in found else ""
-    return Sweep(about, yaml, resolved, per_point, varied, seed, texts, figures, study, numbers)
+    stated = {name: _values(nodes[name], name, {}) for name in (*CASE, STUDY) if name in nodes}
+    yaml, resolved = (member(stated, name, str) for name in CASE)
+    study = member(stated, STUDY, str) if STUDY in stated else ""
+    varied = {key: nodes[key].dtype.kind == "f" for key in keys}
+    return Head(about, yaml, resolved, per_point, runs, varied, figures, study, numbers)
+
+
+def _figure_head(node: DatasetID) -> FigureHead:
+    return FigureHead(node.shape[1:], text(node, "units"), text(node, "long_name"))
+
+
+def _give_columns(file: h5py.File, head: Head, keep: Callable[[str, NDArray[Any]], None]) -> None:
+    """Give every column of the table to `keep`, with its name, one at a time; raises LayoutError."""
+    nodes, spelt = dict(datasets(file)), dict[str, str]()
+    kinds = {"seed": "iu", **dict.fromkeys(TEXTS, "OSU"), **dict.fromkeys(head.varied, "OSUf")}
+    for name in (*kinds, *head.figures):
+        node = nodes.pop(name, None)  # an open dataset keeps what was read of it last
+        if node is None and name == "processor":  # an older rths did not write it
+            keep(name, np.full(head.runs, "", dtype=object))
+            continue
+        values = None if node is None else _values(node, name, spelt)
+        keep(name, _column(values, name, kinds[name], head.runs) if name in kinds else _figure(values, name, head.runs))
 
 
 def _numbers(file: h5py.File, runs: int) -> NDArray[np.int64]:
@@ -246,17 +307,17 @@ def _check_table(nodes: Mapping[str, DatasetID]) -> None:
             raise LayoutError(f"has not one {name} per run")
 
 
-def _column(found: Mapping[str, Any], name: str, kinds: str, runs: int | None) -> NDArray[Any]:
+def _column(values: Any, name: str, kinds: str, runs: int) -> NDArray[Any]:
     """Return a value per run; raises LayoutError."""
-    column = np.asarray(found.get(name))
-    if column.ndim != 1 or column.dtype.kind not in kinds or len(column) != (len(column) if runs is None else runs):
+    column = np.asarray(values)
+    if column.ndim != 1 or column.dtype.kind not in kinds or len(column) != runs:
         raise LayoutError(f"has not one {name} per run")
     return column
 
 
-def _figure(found: Mapping[str, Any], path: str, runs: int) -> Array:
+def _figure(values: Any, path: str, runs: int) -> Array:
     """Return the numbers of a figure, per run or per run and storey; raises LayoutError."""
-    numbers = np.asarray(found[path])
+    numbers = np.asarray(values)
     axes = NEEDED.get(path, numbers.ndim)
     if numbers.dtype.kind not in "fiu" or numbers.ndim != axes or axes not in (1, 2) or len(numbers) != runs:
         raise LayoutError(f"has not one {path} per run")

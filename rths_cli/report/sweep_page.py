@@ -65,18 +65,25 @@ def statistics(errors: Array) -> dict[str, Array]:
 
 def page(sweep: Sweep, path: Path) -> str:
     """Return the summary of a sweep as text, of a part how its runs ended."""
+    return grid_points(sweep) + page_without_grid_points(sweep, path)
+
+
+def grid_points(sweep: Sweep) -> str:
+    """Return the errors of each grid point of a sweep as text, of a part nothing."""
     if sweep.numbers is not None:
-        return wrapped([_of_part(sweep), *_not_run(sweep), *_explained(sweep, path)], 2) + "\n"
-    parts = [
-        render(_table(sweep)),
-        *_scale(sweep),
-        *_more_points(sweep),
-        *_extremes(sweep),
-        *_not_run(sweep),
-        *summary_text(sweep),
-        *indices_text(sweep),
-    ]
-    parts += _explained(sweep, path)
+        return ""
+    return _text([render(_table(sweep)), *_scale(sweep), *_more_points(sweep)])
+
+
+def page_without_grid_points(sweep: Sweep, path: Path) -> str:
+    """Return what stands below the grid points in the summary of a sweep: extremes, ends, percentiles, indices."""
+    if sweep.numbers is not None:
+        return _text([_of_part(sweep), *_not_run(sweep), *_explained(sweep, path)])
+    told = [*_extremes(sweep), *_not_run(sweep), *summary_text(sweep), *indices_text(sweep), *_explained(sweep, path)]
+    return _text(told)
+
+
+def _text(parts: list[str]) -> str:
     return wrapped([line for part in parts for line in part.split("\n")], 2) + "\n"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,8 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.run_case import worst_code
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import Attribute, check_writable
-from rths_cli.files.sweep_file import PART, Sweep, read_part, values_of_axis, write_sweep
+from rths_cli.files.sweep_file import PART, Head, Sweep, read_columns, read_head, write_sweep
+from rths_cli.quantities.sweep_datasets import TEXTS
 from rths_cli.studies.sweep_output import told
 
 SAME = {
@@ -34,38 +35,18 @@ def merge_parts(paths: Sequence[Path], output: Path, replaces: bool, command_lin
     """
     if any(output.resolve() == path.resolve() for path in paths):
         raise InputError(f"--output {output}: is one of the parts; give it a name of its own")
-    parts = {path: _head(read_part(path)) for path in paths}
+    parts = {path: read_head(path) for path in paths}
     faults = list(_faults(parts))
     if faults:
         raise InputError(*faults)
     replaced = check_existing([(output, Kind.SWEEP)], replaces)
     check_writable(output.parent, sum(path.stat().st_size for path in parts))
-    sweep = _joined(list(parts), command_line)
+    sweep = _joined(parts, command_line)
     write_sweep(output, sweep)
     return sweep, bool(replaced)
 
 
-@dataclass(frozen=True)
-class _Head:
-    """What tells whether a part fits the others: `numbers` (n,) of its runs, None of a whole sweep."""
-
-    attributes: dict[str, Attribute]
-    seeds_per_point: int
-    numbers: NDArray[np.int64] | None
-    columns: tuple[tuple[str, str], ...]
-
-
-def _head(sweep: Sweep) -> _Head:
-    varied = {key: "number" if _is_number(values) else "text" for key, values in sweep.varied.items()}
-    figures = {path: str(figure.values.shape[1:]) for path, figure in sweep.figures.items()}
-    return _Head(sweep.attributes, sweep.seeds_per_point, sweep.numbers, (*varied.items(), *figures.items()))
-
-
-def _is_number(values: tuple[Any, ...] | NDArray[Any]) -> bool:
-    return isinstance(values[0], float)
-
-
-def _faults(parts: dict[Path, _Head]) -> Iterator[str]:
+def _faults(parts: dict[Path, Head]) -> Iterator[str]:
     """Yield why the parts cannot be joined."""
     (first, sweep), *_ = parts.items()
     alike = {first: sweep} if sweep.numbers is not None else {}
@@ -75,7 +56,7 @@ def _faults(parts: dict[Path, _Head]) -> Iterator[str]:
             yield f"{path}: is a whole sweep and no part of one; name the files that rths sweep --part wrote"
         elif other:
             yield f"{path}: is a part of {other[0]} than {first}"
-        elif part.columns != sweep.columns:
+        elif (part.varied, _shapes(part)) != (sweep.varied, _shapes(sweep)):
             yield f"{path}: has other columns than {first}; run this part again"
         else:
             alike[path] = part
@@ -99,7 +80,7 @@ def _faults(parts: dict[Path, _Head]) -> Iterator[str]:
         yield f"{len(missing)} of {runs} rows are in no part: {_ranges(missing)}{_absent(parts)}"
 
 
-def _absent(parts: dict[Path, _Head]) -> str:
+def _absent(parts: dict[Path, Head]) -> str:
     """Return which parts are not there, as the end of a sentence, where all are parts of one division."""
     told_parts = [str(part.attributes[PART]).split("/") for part in parts.values()]
     counts = {each[-1] for each in told_parts}
@@ -120,42 +101,29 @@ def _ranges(numbers: NDArray[np.int64]) -> str:
     return f"{shown} and more" if len(spans) > SHOWN else shown
 
 
-def _joined(paths: Sequence[Path], command_line: str) -> Sweep:
-    """Return the sweep of parts that hold every row once. One part at a time is in memory beside it."""
-    first = read_part(paths[0])
+def _shapes(part: Head) -> dict[str, tuple[int, ...]]:
+    return {path: figure.shape for path, figure in part.figures.items()}
+
+
+def _joined(parts: dict[Path, Head], command_line: str) -> Sweep:
+    """Return the sweep of parts that hold every row once. One column of one part is in memory beside it."""
+    first, *_ = parts.values()
     runs = int(first.attributes["grid_points"]) * first.seeds_per_point
-    varied = {key: np.empty(runs, float if _is_number(values) else object) for key, values in first.varied.items()}
-    seed, texts = np.empty(runs, np.int64), {name: np.empty(runs, object) for name in first.texts}
-    figures = {
-        path: replace(figure, values=np.empty((runs, *figure.values.shape[1:])))
-        for path, figure in first.figures.items()
-    }
-    first = replace(first, varied={}, texts={}, figures={})
-    codes: list[int] = []
-    for path in paths:
-        part = read_part(path)
+    whole = {path: np.empty((runs, *figure.shape)) for path, figure in first.figures.items()}
+    whole |= {key: np.empty(runs, float if numbers else object) for key, numbers in first.varied.items()}
+    whole |= {name: np.empty(runs, object) for name in TEXTS} | {"seed": np.empty(runs, np.int64)}
+    for path, part in parts.items():
         place = np.asarray(part.numbers) - 1
-        seed[place] = part.seed
-        for key in varied:  # a column leaves the memory when it stands in the whole
-            varied[key][place] = part.varied.pop(key)
-        for name in texts:
-            texts[name][place] = part.texts.pop(name)
-        for name in figures:
-            figures[name].values[place] = part.figures.pop(name).values
-        codes.append(int(part.attributes["exit_code"]))
-        del part
+
+        def keep(name: str, values: NDArray[Any], place: NDArray[np.int64] = place) -> None:
+            whole[name][place] = values
+
+        read_columns(path, keep)
     ends: dict[str, Attribute] = {
         "created_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "command_line": command_line,
-        "status_reason": told(Counter(texts["status"])),
-        "exit_code": worst_code(codes),
+        "status_reason": told(Counter(whole["status"])),
+        "exit_code": worst_code(int(part.attributes["exit_code"]) for part in parts.values()),
     }
-    return replace(
-        first,
-        attributes={name: value for name, value in first.attributes.items() if name != PART} | ends,
-        varied={key: values_of_axis(varied.pop(key)) for key in list(varied)},
-        seed=seed,
-        texts={name: tuple(texts.pop(name)) for name in list(texts)},
-        figures=figures,
-        numbers=None,
-    )
+    attributes = {name: value for name, value in first.attributes.items() if name != PART} | ends
+    return replace(first, attributes=attributes, numbers=None).sweep(whole)

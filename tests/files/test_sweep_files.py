@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -189,6 +192,18 @@ def test_a_disk_that_refuses_is_a_sentence_and_leaves_nothing(tmp_path: Path) ->
         write_sweep(tmp_path / "none" / "x.h5", made())
     with pytest.raises(InputError, match=r"cannot write the table"):
         write_csv(tmp_path / "none" / "x.csv", made())
+
+
+def test_what_a_killed_process_left_of_the_table_is_removed(tmp_path: Path) -> None:
+    """A kill while the table is written: the sweep goes on in another process, whose part has another name."""
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    left, others = (tmp_path / f".x.h5.{number}.part" for number in (gone.pid, os.getppid()))
+    for path in (left, others):
+        path.touch()
+    write_sweep(tmp_path / "x.h5", made())
+    write_csv(tmp_path / "x.csv", made())
+    assert {path.name for path in tmp_path.iterdir()} == {"x.h5", "x.csv", others.name}
 
 
 def test_many_runs_are_not_stored_one_chunk_each(tmp_path: Path) -> None:

@@ -160,6 +160,9 @@ def test_parts_in_any_order_give_the_bytes_of_the_whole(
         assert words in refused(*parts[1:], again), name
         with h5py.File(again, "r+") as file:
             file.attrs[name] = before
+    with h5py.File(again, "r+") as file:
+        file.attrs["grid_points"] = 10**12
+    assert "is a part of 1000000000000 grid points" in refused(*parts[1:], again)
     with pytest.raises(InputError, match="holds part 1/3 of a sweep; rths merge joins"):
         read_sweep(parts[0])
     with pytest.raises(InputError, match="holds another sweep"):

@@ -16,7 +16,6 @@ from rths_cli.report.figures.figure_data import NotDrawn
 from rths_cli.report.figures.panels import empty_figure
 from rths_cli.report.figures.style import BLACK, BLUE, GREY, ORANGE, VERMILLION, WIDTHS_MM, plain
 from rths_cli.report.figures.sweep_figure import (
-    axis_name,
     heading_of,
     key_in_words,
     over_seeds,
@@ -24,7 +23,7 @@ from rths_cli.report.figures.sweep_figure import (
     value_name,
 )
 from rths_cli.report.study_indices import indexed_keys, indices_of
-from rths_cli.report.sweep_metric import Gridded, as_text, gridded, named, short_key
+from rths_cli.report.sweep_metric import Gridded, as_text, gridded, named
 from rths_cli.report.text_layout import three
 
 if TYPE_CHECKING:
@@ -199,7 +198,7 @@ def sobol(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> Fi
         ax.errorbar(values[order], np.arange(len(keys)) + place, xerr=errors[order], fmt="o", color=color, ms=3.5,
                     elinewidth=1.0, capsize=2.0, label=label)  # fmt: skip
     ax.axvline(0.0, color=BLACK, lw=0.6)
-    ax.set_yticks(range(len(keys)), [_wrapped(short_key(keys[k], keys), width) for k in order])
+    ax.set_yticks(range(len(keys)), [_wrapped(key_in_words(keys[k], keys), width) for k in order])
     ax.set_ylim(-0.6, len(keys) - 0.4)
     ax.set_xlabel(_indexed(found, sweep))
     figure.legend(loc="outside lower center", ncols=1 if width == "one" else 2)
@@ -229,7 +228,7 @@ def stability(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -
     for label, marker, color, filled, where in _ended(sweep):
         ax.plot(across[where], up[where], marker, color=color, ms=3.5, ls="none", label=label,
                 markerfacecolor=color if filled else "none")  # fmt: skip
-    ax.set(xlabel=axis_name(keys[1], keys), ylabel=axis_name(keys[0], keys))
+    ax.set(xlabel=key_in_words(keys[1], keys), ylabel=key_in_words(keys[0], keys))
     ax.plot([], [], color=BLACK, lw=1.2, label="boundary by the check")
     figure.legend(loc="outside lower center", ncols=1 if width == "one" else 2)
     return heading_of(figure, sweep, width, headed, "shaded: the check forecasts an unstable loop")

@@ -77,7 +77,7 @@ def _line(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
     if not numeric:
         ax.set_xticks(place, [value_name(value) for value in varied])
         ax.margins(x=0.15)
-    ax.set(xlabel=axis_name(key, list(found.keys)), ylabel=two_lines(named(found)))
+    ax.set(xlabel=key_in_words(key, list(found.keys)), ylabel=two_lines(named(found)))
 
 
 def _map(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
@@ -99,7 +99,7 @@ def _map(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
     ):  # fmt: skip
         step = -(-len(values) // MOST_LABELS[width])
         place(range(0, len(values), step), [value_name(value) for value in values[::step]])
-        text(axis_name(name, keys), labelpad=6.0)
+        text(key_in_words(name, keys), labelpad=6.0)
     if table.size <= NUMBERED_CELLS[width]:
         light = float(np.nanmin(table)) + 0.6 * float(np.nanmax(table) - np.nanmin(table))
         for (row, column), value in np.ndenumerate(table):
@@ -124,7 +124,7 @@ def _scatter(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
     known = np.isfinite(middle)
     dots = ax.scatter(across[known], up[known], c=middle[known], s=9.0, cmap="viridis")
     figure.colorbar(dots, ax=ax).set_label(two_lines(named(found)))
-    ax.set(xlabel=axis_name(keys[1], keys), ylabel=axis_name(keys[0], keys))
+    ax.set(xlabel=key_in_words(keys[1], keys), ylabel=key_in_words(keys[0], keys))
     if not known.all():
         ax.plot(across[~known], up[~known], "x", color=VERMILLION, ms=4.0, label="no run has a value")
         figure.legend(loc="outside lower center", ncols=2 if width == "one" else 3)
@@ -157,12 +157,6 @@ def over_seeds(values: Array, share: float) -> Array:
     known = np.isfinite(values).any(axis=1)
     found[known] = np.nanpercentile(values[known], share, axis=1)
     return found
-
-
-def axis_name(key: str, keys: Sequence[str]) -> str:
-    """Return a varied key as an axis names it: its end, with its unit."""
-    unit = unit_of_name(key, "")
-    return f"{short_key(key, keys)} ({typeset(unit)})" if unit else short_key(key, keys)
 
 
 def key_in_words(key: str, keys: Sequence[str]) -> str:

@@ -8,14 +8,17 @@ from pathlib import Path
 
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.report.page.html import Html, classed, details, element, table
-from rths_cli.report.sweep_page import page
+from rths_cli.report.sweep_page import grid_points, page_without_grid_points
 
-ALT = {
-    "sweep": "the error over the varied keys",
-    "tornado": "how far each varied key moves the error",
-    "parallel": "every run as a line through its values",
-    "sobol": "Sobol indices with their standard errors",
-    "stability": "boundary of stability",
+CAPTIONS = {
+    "sweep": "The metric over the varied keys{of}. A cross or an empty cell: a run was refused, aborted or failed.",
+    "tornado": "How far each key moves the median: grid points with its smallest and with its largest values{of}. "
+    "Grey bar: all values of the key. Black line: median of all grid points.",
+    "parallel": "Each line is a grid point{of}; its colour is its height on the last axis. Grey: a run was refused, "
+    "aborted or failed.",
+    "sobol": "Share of the variance that comes from each key; bars: one standard error.",
+    "stability": "Boundary of stability by the check, and how the runs ended. Shaded: the check forecasts an unstable "
+    "loop.",
 }
 ORIGIN = {
     "created_utc": "Made",
@@ -31,7 +34,10 @@ ORIGIN = {
 
 def study_section(path: Path, sweep: Sweep) -> Html:
     """Return the section of a sweep, given with its file."""
-    parts = [*_figures(sweep), element("pre", page(sweep, path).rstrip("\n"))]
+    told = element("pre", page_without_grid_points(sweep, path).strip("\n"))
+    parts = [*_figures(sweep), element("h3", "Summary"), told]
+    if points := grid_points(sweep):
+        parts += [element("h3", "Grid points"), element("pre", points.rstrip("\n"))]
     if sweep.study_yaml:
         parts.append(details("The study", element("pre", sweep.study_yaml)))
     parts.append(details("The case that is varied", element("pre", sweep.case_yaml)))
@@ -56,7 +62,10 @@ def studies_told(sweeps: Sequence[tuple[Path, Sweep]]) -> str:
 def _figures(sweep: Sweep) -> Iterator[Html]:
     from rths_cli.report.figures.write import sweep_images
 
+    seeds = sweep.seeds_per_point
+    of = f", median of {seeds} seeds" if seeds > 1 else ""
     for name, image in sweep_images(sweep) if sweep.numbers is None else ():
         source = f"data:image/svg+xml;base64,{base64.b64encode(image).decode('ascii')}"
-        shown = Html(f'<img src="{source}" alt="{ALT[name]}" style="max-width: 100%; background: white">')
-        yield classed("p", "figure", shown)
+        told = CAPTIONS[name].format(of=of)
+        yield classed("div", "drawing", Html(f'<img src="{source}" alt="{told}">'))
+        yield classed("p", "caption", told)

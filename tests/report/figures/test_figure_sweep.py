@@ -89,7 +89,7 @@ def test_two_keys_are_a_heat_map_with_their_numbers():
     assert [text.get_text() for text in ax.texts] == ["10.0", "20.0", "none", "40.0"]
     assert [label.get_text() for label in ax.get_xticklabels()] == ["paper", "best"]
     assert [label.get_text() for label in ax.get_yticklabels()] == ["0.1", "0.2"]
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("method", "delay_s (s)")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("method", "delay (s)")
     assert bar.get_ylabel() == "EXP-RTHS: RMS error,\nworst storey (mm/s²)"
 
 

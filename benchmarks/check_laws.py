@@ -1,9 +1,10 @@
 """Does the check tell the truth of buildings that yield? Check and play random ones, whatever the verdict.
 
-    python benchmarks/check_laws.py [FIRST_SEED] [COUNT]
+    python benchmarks/check_laws.py [FIRST_SEED] [COUNT] [KEY=VALUE]...
 
 Rigs, buildings and records are those of `preflight.py`; each computed storey has a law with a probability of 0.7.
-Printed: verdict against outcome, every contradiction, and how far the predicted errors are from the measured ones.
+KEY=VALUE are settings of the cases with method `best` and a feedforward. Printed: verdict against outcome, every
+contradiction, and how far the predicted errors are from the measured ones.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import random_tests
@@ -106,9 +108,10 @@ def with_laws(setup: Setup, case: dict[str, object], seed: int) -> tuple[dict[st
     return case | {"structure": structure}, kinds
 
 
-def tested(seed: int) -> Row:
+def tested(seed: int, settings: tuple[str, ...] = ()) -> Row:
     """Identify, design, check and play one random test."""
     drawn = random_tests.draw(seed)
+    driven = drawn.controller != "none" and drawn.method == "best"
     about = f"{drawn.rate_hz / 1e3:>2g} {drawn.controller:<5} {drawn.method:<5} {drawn.floors[0]} {drawn.floors[1]}"
     try:
         linear = random_tests.setup_of(drawn.case)
@@ -116,7 +119,7 @@ def tested(seed: int) -> Row:
         linear = random_tests.setup_of(drawn.case, scaling)
         case, kinds = with_laws(linear, drawn.case, seed)
         about = f"{about} {kinds}"
-        setup = random_tests.setup_of(case, scaling)
+        setup = random_tests.setup_of(case, scaling, *(settings if driven else ()))
         identified = Memory(None).identify(setup, lambda _: None)
         if not identified.accepted:
             return Row(seed, about, f"model rejected: {'; '.join(identified.reasons)}")
@@ -173,9 +176,9 @@ def main() -> None:
     """Print each test and the summary."""
     first = int(sys.argv[1]) if len(sys.argv) > 1 else FIRST_SEED
     count = int(sys.argv[2]) if len(sys.argv) > 2 else COUNT
-    rows = []
+    rows, settings = [], tuple(sys.argv[3:])
     with ProcessPoolExecutor(PROCESSES) as pool:
-        for row in pool.map(tested, range(first, first + count)):
+        for row in pool.map(partial(tested, settings=settings), range(first, first + count)):
             rows.append(row)
             ratio = f"{row.worst:5.2f}" if row.measured.size and not row.stopped and row.predicted.size else "  -  "
             why = row.refused or row.stopped or "; ".join(row.reasons)

@@ -5,8 +5,8 @@
 Rigs, buildings and records are those of `preflight.py`, controllers with feedforward, method `best`. After the
 identification the specimen has 0.5 to 1 of its stiffness, or its storeys yield at 1/1.2 to 1/6 of their linear peak
 drift. The case states `check.specimen_range: [0.5, 1]`. Each test is checked, and played whatever the verdict, without
-and with `controller.reaction_feedforward`. Printed: verdict, outcome, and the worst storey's error in percent of SIM of
-the specimen as it is.
+and with both `controller.reaction_feedforward` and `controller.friction_compensation`. Printed: verdict, outcome, and
+the worst storey's error in percent of SIM of the specimen as it is.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FIRST_SEED, COUNT = 11000, 200
 RANGE = 0.5, 1.0  # of the specimen's stiffness
 DUCTILITY = 1.2, 6.0
 KINDS = ("bilinear", "bouc_wen", "clough")
-REACTION = tuple(f"controller.reaction_feedforward={value}" for value in ("false", "true"))
+KEYS = "controller.reaction_feedforward", "controller.friction_compensation"
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def changed(seed: int, setup: Setup) -> tuple[str, str]:
 
 
 def tested(seed: int) -> tuple[str, tuple[Outcome, ...], str]:
-    """Return what is tested, the outcome without and with the feedforward of the reaction, and why nothing was run."""
+    """Return what is tested, the outcome without and with both keys, and why nothing was run."""
     drawn = random_tests.draw(seed)
     kind = drawn.controller if drawn.controller != "none" else "FF"
     case = drawn.case | {"method": "best", "controller": kind, "check": {"specimen_range": list(RANGE)}}
@@ -92,9 +92,9 @@ def tested(seed: int) -> tuple[str, tuple[Outcome, ...], str]:
     except RthsError as error:
         return about, (), str(error)
     found = []
-    for reaction in REACTION:
+    for settings in (tuple(f"{key}={switch}" for key in KEYS) for switch in ("false", "true")):
         try:
-            found.append(outcome(random_tests.setup_of(case, scaling, setting, reaction), identified, truth))
+            found.append(outcome(random_tests.setup_of(case, scaling, setting, *settings), identified, truth))
         except RthsError as error:
             return about, tuple(found), str(error)
     return about, tuple(found), ""
@@ -118,10 +118,10 @@ def worst(accel: Array, sim: Array) -> float:
 
 
 def summary(rows: list[tuple[Outcome, ...]]) -> Iterator[str]:
-    """Yield verdict against outcome, without and with the feedforward of the reaction."""
+    """Yield verdict against outcome, without and with both keys."""
     for place, name in enumerate(("without", "with")):
         of = [row[place] for row in rows if len(row) > place]
-        yield f"{name} feedforward of the reaction: {len(of)} tests"
+        yield f"{name} feedforward of the reaction and of friction: {len(of)} tests"
         for verdict in ("safe", "unsafe", "unstable"):
             these = [one for one in of if one.verdict == verdict]
             bad = sum(one.diverged for one in these)

@@ -1,10 +1,11 @@
 """How accurate is a hybrid test whose computed storey has a law? Twelve cases: every law, both records.
 
-    python benchmarks/nonlinear_cases.py [NAME]...
+    python benchmarks/nonlinear_cases.py [NAME | KEY=VALUE]...
 
 Printed: ductility of the computed storey in SIM, error of EXP-RTHS over that of SIM-DELAY (5 ms) in the worst storey,
 as measured and as true, and error in percent of SIM. The specimen is linear. Exit code 1 where a ratio is beyond its
-demand. Controller FF+FB, method `best`, `aps400_virtual`, damping low, 30 % of the record, default seeds.
+demand. Controller FF+FB, method `best`, `aps400_virtual`, damping low, 30 % of the record, default seeds; KEY=VALUE are
+further settings, as of `--set`.
 """
 
 from __future__ import annotations
@@ -49,13 +50,15 @@ def settings(law: dict[str, Any]) -> tuple[str, ...]:
     return f"structure.numerical.law=[{{{stated}}}]", "runs=[sim, sim_delay, exp_rths]"
 
 
-def main(names: list[str]) -> int:
+def main(words: list[str]) -> int:
     """Run the cases and print their table; return the exit code."""
     memory, failed = Memory(), 0
+    further = tuple(word for word in words if "=" in word)
+    names = [word for word in words if "=" not in word]
     print(f"{'case':<12}{'record':<11}{'ductility':>9}{'measured':>10}{'true':>8}{'% of SIM':>10}", flush=True)
     for name in names or list(CASES):
         record, law = CASES[name]
-        setup = make_setup(load_cases([f"{record}_low_ff_fb"], settings(law))[0])
+        setup = make_setup(load_cases([f"{record}_low_ff_fb"], (*settings(law), *further))[0])
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "result.h5"
             ended = run_case(setup, path, memory, "nonlinear_cases.py", lambda _: None, series="none")

@@ -581,6 +581,8 @@ def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
             break
         solved = True
         for i in range(laws):
+            for m in range(1, 4):  # first of all: a law at rest has neither force nor rates, but is moved
+                _rates(code[i], numbers[i], signs[i], moved[m, storeys + which[i]], inner[i, m], rates[i, m])
             for m in range(1, 4):
                 for x in range(2):
                     total = inner[i, 0, x]
@@ -593,7 +595,6 @@ def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
                     first, after = (m - 1) * OWN_STATES, m * OWN_STATES
                     wanted = call_force(state.address[i], numbers[i], state.own[i], first, after, u, v)
                 else:
-                    _rates(code[i], numbers[i], signs[i], v, inner[i, m], rates[i, m])
                     wanted = _force(code[i], numbers[i], memory[i], signs[i], u, v, inner[i, m])
                 if not abs(wanted - made[i, m]) <= CONVERGED * max(scale[i], abs(wanted)):
                     solved = False

@@ -121,7 +121,7 @@ def run_case(
                 values |= true_reference.metrics_of(setup, truth, played.true_accel, values)
             values |= expected_errors.metrics_of(checked.true_error, values)
             if "exp_rths.residual_drift_m" in values and not setup.declared:
-                change_m = _change_of_residual_drift(setup, sim, shared)
+                change_m = change_of_residual_drift(setup, sim, shared)
                 values |= residual_drift.metrics_of(setup, sim, change_m, values)
             cautions = (*played.said, *expected_errors.disagreement(values), *cautions)
         cautions = (*losses_of_runs(values), *cautions)
@@ -229,7 +229,7 @@ def _truth_told(setup: Setup, told: Building, progress: Progress) -> TrueReferen
     return interruptible(lambda: true_reference.reference_of_building(setup, told, progress))
 
 
-def _change_of_residual_drift(setup: Setup, sim: Response, shared: SharedValues) -> Array:
+def change_of_residual_drift(setup: Setup, sim: Response, shared: SharedValues) -> Array:
     """Return what 1 % of base shear makes of SIM's residual drift; cases with the same record and building share it."""
     change = residual_drift.change_by_base_shear_m
     return shared.get("residual_drift", _of_sim(setup), lambda: interruptible(lambda: change(setup, sim)))

@@ -13,7 +13,7 @@ import numpy as np
 
 from rths_cli.analysis.metrics import room_for_pairs
 from rths_cli.errors import InputError, RthsError, crash_note
-from rths_cli.experiment import run_metrics, true_reference
+from rths_cli.experiment import residual_drift, run_metrics, true_reference
 from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
@@ -27,7 +27,7 @@ from rths_cli.experiment.one_table_run import (
     true_accelerations,
 )
 from rths_cli.experiment.provenance import model_sha256
-from rths_cli.experiment.run_case import acceptance, sim_of, truth_of
+from rths_cli.experiment.run_case import acceptance, change_of_residual_drift, sim_of, truth_of
 from rths_cli.experiment.session import session_key, wants_session_record
 from rths_cli.experiment.setup import building_key, make_setup, motion_key
 from rths_cli.experiment.table_runs_of_case import why_none, why_unsafe
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 # of what a run computes
 NO_PART = {
-    "path", "yaml_text", "name", "notes", "seed", "runs", "accept", "base_shear_uncertainty", "reference", "report_in",
+    "path", "yaml_text", "name", "notes", "seed", "runs", "accept", "reference", "report_in",
 }  # fmt: skip
 MOTION = {"record", "scaling", "scale", "record_filter", "delay_s"}  # what no block depends on
 
@@ -70,7 +70,8 @@ class Keys:
 @dataclass(frozen=True)
 class Ready:
     """A grid point ready to be played with any seed: its run of EXP-RTHS and the SIM that its errors are measured
-    against, None where `refused` says why it is not played; `truth` where the specimen is another than declared."""
+    against, None where `refused` says why it is not played; `truth` where the specimen is another than declared,
+    `drift_change_m` (n_storeys,) what 1 % of base shear makes of SIM's residual drift where storeys have laws."""
 
     setup: Setup
     checked: Verdict
@@ -78,6 +79,7 @@ class Ready:
     plan: RunPlan | None = None
     sim: Response | None = None
     truth: TrueReference | None = None
+    drift_change_m: Array | None = None
 
 
 class Shared:
@@ -127,7 +129,8 @@ class Shared:
             return Ready(setup, checked, refused)
         sim = sim_of(setup, values)
         truth = truth_of(setup, sim, values, self._progress) if true_reference.is_another(setup) else None
-        return Ready(setup, checked, "", plan_run(setup, checked.design, HYBRID_TEST), sim, truth)
+        change_m = None if setup.building.linear else change_of_residual_drift(setup, sim, values)
+        return Ready(setup, checked, "", plan_run(setup, checked.design, HYBRID_TEST), sim, truth, change_m)
 
     def _memory(self, setup: Setup) -> Memory:
         return self._values.get("memory", _model_key(setup), lambda: Memory(Cache()))
@@ -166,7 +169,7 @@ def play_variant(ready: Ready, variant: int, seed: int, of: Sequence[Column], st
     if ready.plan is None or ready.sim is None:
         return row
     try:
-        stop, errors = _played(ready.plan, ready.sim, ready.truth, seed)
+        stop, errors = _played(ready, ready.plan, ready.sim, seed)
     except Exception as error:
         return failed(row, error)
     values = {**checked.figures, **errors}
@@ -198,7 +201,7 @@ def failed(row: Row, error: Exception) -> Row:
     return replace(row, status="failed", reason=reason, exit_code=5)
 
 
-def _played(plan: RunPlan, sim: Response, truth: TrueReference | None, seed: int) -> tuple[Stop | None, Values]:
+def _played(ready: Ready, plan: RunPlan, sim: Response, seed: int) -> tuple[Stop | None, Values]:
     """Return why a run ended early and no figures, or None, its errors and the response of its laws by path."""
     setup, design = plan.setup, plan.design
     outcome = play_run(plan, seed, _log(plan))
@@ -210,8 +213,10 @@ def _played(plan: RunPlan, sim: Response, truth: TrueReference | None, seed: int
     values = dict(errors_of(run, setup, sim, room))
     if run.building is not None and run.series.law_force_n is not None:
         values |= run_metrics.of_laws(RUN, setup.building, run.building.rel_disp_m, run.series.law_force_n)
-    if truth is not None and (accel := true_accelerations(run, setup)) is not None:
-        values |= true_reference.metrics_of(setup, truth, accel, values)
+        if ready.drift_change_m is not None:
+            values |= residual_drift.metrics_of(setup, sim, ready.drift_change_m, values)
+    if ready.truth is not None and (accel := true_accelerations(run, setup)) is not None:
+        values |= true_reference.metrics_of(setup, ready.truth, accel, values)
     return None, values
 
 

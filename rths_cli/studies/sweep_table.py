@@ -26,7 +26,9 @@ CHECKED = (
     "spectral_radius", "sensitivity_peak", "gain_margin", "phase_margin_deg", "delay_margin_s", "critical_delay_s",
     "largest_scaling", "peak_displacement_m", "peak_command_v", "tracking_rms_m_s2", "rms_error_m_s2",
 )  # fmt: skip
-OF_LAWS = tuple(f"{RUN}.{name}" for name in ("ductility", "residual_drift_m", "restoring_work_j"))
+OF_LAWS = tuple(
+    f"{RUN}.{name}" for name in ("ductility", "residual_drift_m", "residual_drift_uncertainty_m", "restoring_work_j")
+)
 OF_TRUTH = tuple(f"{RUN}.true_reference_{name}" for name in ("rms_error_m_s2", "nrmse_percent", "ratio"))
 Column = Quantity
 """One metric of a sweep: one number per run, or one per run and storey."""

@@ -28,7 +28,6 @@ NOT_VARIED = {
     "notes": "changes no figure; vary another key (rths schema case lists them)",
     "accept": "changes no figure; give one limit with --set",
     "grade_limits": "changes no figure; vary another key (rths schema case lists them)",
-    "base_shear_uncertainty": "changes no figure of a sweep; vary another key (rths schema case lists them)",
     "reference": "changes no figure; vary another key (rths schema case lists them)",
     "report_in": "changes no figure; vary another key (rths schema case lists them)",
     "scale.stress": "changes no figure, for a sweep has them in model scale; vary scale.length",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.adaptive_storeys import adaptive
+from scipy.linalg import expm
 
 from rths_cli.analysis.nonlinear_sim import simulate_with_laws
 from rths_cli.analysis.sim import Response, simulate
@@ -158,6 +159,39 @@ def test_random_buildings_agree_with_an_adaptive_solver(seed: int) -> None:
     assert of_peak(response.rel_disp_m[:, ::10], disp) < 1e-7
     assert of_peak(response.rel_vel_m_s[:, ::10], vel) < 1e-7
     assert of_peak(response.abs_accel_m_s2[:, ::10], accel) < 1e-6
+
+
+def with_maxwell_dampers(building: Building, dt_s: float, record: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return displacements, velocities and absolute accelerations of a building with Maxwell dampers alone: they are
+    further states of a linear system, which the matrix exponential moves exactly."""
+    n, laws = len(building.M), building.laws
+    drifts = (np.eye(n) - np.eye(n, k=-1))[laws.storey]
+    spring, dashpot = laws.numbers[:, 0], laws.numbers[:, 1]
+    move = np.zeros((2 * n + len(spring) + 2,) * 2)
+    u, v, s = slice(n), slice(n, 2 * n), slice(2 * n, -2)
+    move[u, v] = np.eye(n)
+    move[v, u], move[v, v], move[v, s] = (-np.linalg.solve(building.M, x) for x in (building.K, building.C, drifts.T))
+    move[s, v], move[s, s] = spring[:, None] * drifts, -np.diag(spring / dashpot)
+    move[v, -2], move[-2, -1] = -1.0, 1.0 / dt_s
+    step, states = expm(dt_s * move), np.zeros((len(record), len(move)))
+    for k in range(len(record) - 1):
+        states[k, -2:] = record[k], record[k + 1] - record[k]
+        states[k + 1] = step @ states[k]
+    return states.T[u], states.T[v], move[v, :-2] @ states.T[:-2]
+
+
+@pytest.mark.parametrize("first_m_s2", [0.0, 2.5])
+@pytest.mark.parametrize(("spring", "dashpot"), [(2e4, 5.0), (1e5, 50.0), (1e5, 200.0), (1e6, 200.0), (1e6, 50.0)])
+def test_stiff_maxwell_dampers_act_from_the_first_sample_on(spring: float, dashpot: float, first_m_s2: float) -> None:
+    """They relax within a sample, and at rest they have neither force nor rate."""
+    made, law = Made(1), {"kind": "maxwell", "spring_n_per_m": spring, "dashpot_n_s_per_m": dashpot}
+    made.ground[0] = first_m_s2
+    building, record = building_of([6.0, 7.0, 8.0], [7e3, 6e3, 5e3], [5.0, 4.0], [[law], [law]]), made.record(1e-3)
+    response = simulate_with_laws(building, 1e-3, record)
+    disp, vel, accel = with_maxwell_dampers(building, 1e-3, record)
+    assert of_peak(response.rel_disp_m, disp) < 1e-10
+    assert of_peak(response.rel_vel_m_s, vel) < 1e-8
+    assert of_peak(response.abs_accel_m_s2, accel) < 1e-7
 
 
 def test_clough_unloads_no_softer_than_its_secant() -> None:

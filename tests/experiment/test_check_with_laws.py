@@ -149,6 +149,21 @@ def test_the_metrics_of_a_yielding_building(yielding: tuple[Setup, Judged]) -> N
     assert values["check.critical_delay_most_s"] > 1.2 * values["check.critical_delay_least_s"]
 
 
+def test_disturbances_of_a_replay_act_beside_those_before_them(yielding: tuple[Setup, Judged]) -> None:
+    """Parts of an error budget add up: two disturbances after each other change what both at once change."""
+    found = yielding[1]
+    assert found.replay is not None and found.known is not None
+    one_by_one, at_once = found.replay(), found.replay()
+    random, shape = np.random.default_rng(1), found.known.loop.rig.shape
+    first, second = (2.0 * (random.normal(size=shape) + 1j * random.normal(size=shape)) for _ in range(2))
+    parts = one_by_one.disturb(first, None), one_by_one.disturb(second, None)
+    both = at_once.disturb(first + second, None)
+    for part, other, whole in zip(*parts, both, strict=True):
+        assert_allclose(part + other, whole, atol=1e-9 * np.abs(whole).max())
+    alone = found.replay().disturb(second, None)[0]
+    assert np.abs(alone - parts[1][0]).max() > 1e-3 * np.abs(alone).max()  # the storey yields: not the same beside it
+
+
 def test_a_test_that_the_guard_stops_in_the_simulation_is_not_safe(default_identification: Identification) -> None:
     setup = setup_of("runs=[sim, exp_rths]", "limits.tracking_error_m_s2=0.0005", law=BILINEAR)
     found = judged(setup, default_identification)

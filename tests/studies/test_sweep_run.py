@@ -150,7 +150,9 @@ def test_rows_of_storeys_with_laws_on_another_specimen_are_too(folder: Path, tmp
         "structure.numerical.stiffness_n_per_m=[7300, 7300]",
         "structure.numerical.law=[null, {kind: bilinear, yield_displacement_m: 0.0005, hardening: 0.1}]",
         "table.after_identification.specimen_stiffness_factor=0.95",
-        "accept={exp_rths.ductility: 50, 'exp_rths.restoring_work_j[2]': 1e-9}",
+        "accept={exp_rths.ductility: 50, 'exp_rths.restoring_work_j[2]': 1e-9, "
+        "'exp_rths.residual_drift_uncertainty_m[2]': 1e-12}",
+        "base_shear_uncertainty=0.02",
     )
     request = asked(folder, seeds="1", settings=settings)
     sweep = swept(request, tmp_path / "s.h5", overrides=("check",)).sweep
@@ -160,9 +162,11 @@ def test_rows_of_storeys_with_laws_on_another_specimen_are_too(folder: Path, tmp
     for path, figure in sweep.figures.items():
         assert figure.values[0] == pytest.approx(alone.metrics[path], rel=1e-12, nan_ok=True), path
     assert sweep.figures["exp_rths.ductility"].values[0, 1] > 1.0
+    assert sweep.figures["exp_rths.residual_drift_uncertainty_m"].values[0, 1] > 0.0
     assert (sweep.figures["exp_rths.true_reference_ratio"].values[0] > 0.0).all()
     for reason in (sweep.texts["reason"][0], alone.attributes["status_reason"]):
         assert reason.startswith("exp_rths.restoring_work_j[2] = ") and "ductility" not in reason
+        assert "exp_rths.residual_drift_uncertainty_m[2] = " in reason
 
 
 def test_a_varied_scale_gives_the_rows_of_runs_alone(folder: Path, tmp_path: Path, memory: Memory) -> None:

@@ -4,6 +4,7 @@
     python benchmarks/imperfections.py NAME...                these imperfections alone
     python benchmarks/imperfections.py --laboratories 30      laboratories of aps400_laboratory, seeds 0 to 29
     python benchmarks/imperfections.py --case CASE ...        of other cases than the paper's four with FF+FB
+    python benchmarks/imperfections.py --set KEY=VALUE ...    with other settings of the cases, as `rths run --set`
 
 Printed as Markdown, each of the worst storey: error of EXP-RTHS over that of SIM-DELAY. First where rig file and
 identification take sensors and masses as exact, then where the rig file states the uncertainties of
@@ -146,19 +147,19 @@ def both(case: str, settings: Sequence[str], shared: SharedValues) -> tuple[Foun
     return found(case, (*settings, *EXACT), shared), found(case, (*settings, *STATED), shared)
 
 
-def alone(case: str, names: Sequence[str]) -> None:
+def alone(case: str, names: Sequence[str], further: Sequence[str]) -> None:
     """Print the table of single imperfections."""
     shared = SharedValues()
     for name in names:
-        settings = [f"table.imperfections.{one}" for one in ALONE[name]]
+        settings = [*(f"table.imperfections.{one}" for one in ALONE[name]), *further]
         print(row(name, *both(case, settings, shared)), flush=True)
 
 
-def laboratories(case: str, count: int) -> None:
+def laboratories(case: str, count: int, further: Sequence[str]) -> None:
     """Print the table of laboratories, with quantiles over those that ran to the end."""
     shared, every = SharedValues(), []
     for number in range(count):
-        every.append(both(case, ("table=aps400_laboratory", f"seed={number}"), shared))
+        every.append(both(case, ("table=aps400_laboratory", f"seed={number}", *further), shared))
         print(row(f"laboratory {number}", *every[-1]), flush=True)
     for name, level in (("median", 0.5), ("90 %", 0.9), ("largest", 1.0)):
         print(row(name, *(_quantile(column, level) for column in zip(*every, strict=True))), flush=True)
@@ -176,14 +177,15 @@ def main() -> int:
     parser.add_argument("names", nargs="*")
     parser.add_argument("--case", nargs="+", default=CASES)
     parser.add_argument("--laboratories", type=int)
+    parser.add_argument("--set", nargs="+", default=[], metavar="KEY=VALUE")
     asked = parser.parse_args()
     whole = not asked.names and asked.laboratories is None
     for case in asked.case:
         print(f"\n{case}\n\n| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}", flush=True)
         if asked.names or whole:
-            alone(case, asked.names or list(ALONE))
+            alone(case, asked.names or list(ALONE), asked.set)
         if asked.laboratories or whole:
-            laboratories(case, asked.laboratories or LABORATORIES)
+            laboratories(case, asked.laboratories or LABORATORIES, asked.set)
     return 0
 
 

@@ -3,6 +3,7 @@
     python benchmarks/laboratories.py FILE --count 30                 play laboratories 0 to 29, keep a line of each
     python benchmarks/laboratories.py FILE --count 30 --sensors all   with a displacement sensor and a load cell
     python benchmarks/laboratories.py FILE --count 300 --spread 2     true spreads twice the declared ones
+    python benchmarks/laboratories.py FILE --set KEY=VALUE ...        with other settings of the case, a file for each
     python benchmarks/laboratories.py --summary FILE...               figures of the lines that are there
 
 A laboratory that has its line is not played again. Each is identified, checked and played with method `best`; refused
@@ -19,7 +20,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -48,9 +49,9 @@ FURTHER = (
 RUN = (1,)  # names the noise of the identification's run
 
 
-def settings_of(number: int, sensors: str, spread: float) -> list[str]:
+def settings_of(number: int, sensors: str, spread: float, further: Sequence[str]) -> list[str]:
     """Return what a laboratory overrides in a case."""
-    found = ["table=aps400_laboratory", f"seed={number}", "runs=[sim, sim_delay, exp_rths]"]
+    found = ["table=aps400_laboratory", f"seed={number}", "runs=[sim, sim_delay, exp_rths]", *further]
     if spread != 1.0:
         imperfections = "table.imperfections"
         found += [
@@ -60,12 +61,12 @@ def settings_of(number: int, sensors: str, spread: float) -> list[str]:
     return [*found, FURTHER] if sensors == "all" else found
 
 
-def played(case: str, number: int, sensors: str, spread: float) -> dict[str, Any]:
+def played(case: str, number: int, sensors: str, spread: float, further: Sequence[str] = ()) -> dict[str, Any]:
     """Return the figures of one laboratory, or why it has none."""
     line: dict[str, Any] = {"case": case, "number": number, "sensors": sensors, "spread": spread}
     began = time.monotonic()
     try:
-        setup = make_setup(load_cases([case], settings_of(number, sensors, spread))[0], ("check", "model"))
+        setup = make_setup(load_cases([case], settings_of(number, sensors, spread, further))[0], ("check", "model"))
         with tempfile.TemporaryDirectory() as folder:
             path, memory = Path(folder) / "result.h5", Memory()
             ended = run_case(setup, path, memory, "laboratories.py", lambda _: None, series="none")
@@ -209,13 +210,14 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=30)
     parser.add_argument("--sensors", choices=("accelerometers", "all"), default="accelerometers")
     parser.add_argument("--spread", type=float, default=1.0)
+    parser.add_argument("--set", nargs="+", default=[], metavar="KEY=VALUE")
     asked = parser.parse_args()
     kept = [json.loads(text) for path in asked.files if path.exists() for text in path.read_text().splitlines()]
     if not asked.summary:
         done = {(line["case"], line["number"], line["sensors"], line["spread"]) for line in kept}
         for number in range(asked.first, asked.first + asked.count):
             if (asked.case, number, asked.sensors, asked.spread) not in done:
-                kept.append(played(asked.case, number, asked.sensors, asked.spread))
+                kept.append(played(asked.case, number, asked.sensors, asked.spread, asked.set))
                 with asked.files[0].open("a") as file:
                     file.write(json.dumps(kept[-1]) + "\n")
     for kind in sorted({_kind(line) for line in kept}):

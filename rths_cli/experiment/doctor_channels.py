@@ -14,6 +14,7 @@ from rths_cli.errors import RigError
 from rths_cli.experiment.identify_on_rig import play_excitation
 from rths_cli.experiment.real_rig_readiness import AtRest, channel_faults, heard
 from rths_cli.experiment.rig_access import PROBE, open_rig
+from rths_cli.numerics.lti import staircase
 
 if TYPE_CHECKING:
     from rths_cli.experiment.setup import Setup
@@ -167,12 +168,14 @@ def comparisons(setup: Setup, log: Signals, frequency_hz: float) -> list[Compari
     info, rate = setup.rig, 2.0 * math.pi * frequency_hz
     lines = _lines(np.vstack([log.corrected, log.further, np.atleast_2d(log.command_v)]), frequency_hz, info.dt_s)
     own = len(info.channels)
-    accel, further, command = lines[:own], lines[own:-1], lines[-1]
+    shown, further, command = lines[:own], lines[own:-1], lines[-1]
+    coupling_hz = info.channels[0].high_pass_hz if setup.removes_sensors else 0.0
+    change = command * complex(staircase(np.array([frequency_hz]), info.latency_samples, info.dt_s, coupling_hz)[0])
+    place = info.gain_m_per_v * command
+    accel = np.array([_without_alias(shown[0], place, change), *shown[1:]])
     names = [channel.name for channel in info.channels]
     mass = setup.building.interface_experimental_mass_kg
-    found = [
-        _comparison(info.channels[0], "command, nominal gain", -accel[0] / rate**2, info.gain_m_per_v * command, 0.1)
-    ]
+    found = [_comparison(info.channels[0], "command, nominal gain", -accel[0] / rate**2, place, 0.1)]
     found += [
         _comparison(channel, "table, same sense", accel[1 + i], accel[0], 1.0)
         for i, channel in enumerate(info.channels[1:])
@@ -181,14 +184,27 @@ def comparisons(setup: Setup, log: Signals, frequency_hz: float) -> list[Compari
         at = names.index(channel.position) if channel.position in names else -1
         if channel.kind == "displacement" and at >= 0:
             other = info.channels[at].uncertainty
-            found.append(_comparison(channel, f"{names[at]}, twice integrated", line, -accel[at] / rate**2, other))
+            must = _without_alias(shown[at], line, change) if at == 0 else shown[at]
+            found.append(_comparison(channel, f"{names[at]}, twice integrated", line, -must / rate**2, other))
         elif channel.kind == "acceleration" and at >= 0:
-            found.append(_comparison(channel, names[at], line, accel[at], info.channels[at].uncertainty))
+            found.append(_comparison(channel, names[at], line, shown[at], info.channels[at].uncertainty))
         elif channel.kind == "force" and channel.position == "table":
             reads = cell_reads(setup.floor_masses_kg, mass, channel.plate_mass_kg)
             other = max(one.uncertainty for one in info.channels)
-            found.append(_comparison(channel, "masses times accelerations", line, complex(reads @ accel), other))
+            found.append(_comparison(channel, "masses times accelerations", line, complex(reads @ shown), other))
     return found
+
+
+def _without_alias(accel: complex, place: complex, change: complex) -> complex:
+    """Return the amplitude of the table's acceleration without what the steps of the held command add to its samples.
+
+    The vibration that each step of the command excites dies within an interval and is sampled at the same phase of it
+    every time: it adds a real multiple of the last change of the command, and removing an AC coupling adds to that. The
+    multiple is the one that leaves the acceleration in phase, or in antiphase, with the displacement. At 500 Hz it may
+    be half of a slow motion. What stands on the table hardly feels it, and a load cell feels the same.
+    """
+    across = (change * np.conj(place)).imag
+    return accel - change * (accel * np.conj(place)).imag / across if across != 0.0 else accel
 
 
 def _comparison(channel: Channel, against: str, shown: complex, must: complex, other: float) -> Comparison:

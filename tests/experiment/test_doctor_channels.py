@@ -81,6 +81,23 @@ def test_a_reversed_sensor_and_a_wrong_size_are_told(setup: Setup) -> None:
     assert told.exit_code == 1 and "table_force: its sign is reversed" in channels_page(told)
 
 
+@pytest.mark.parametrize("rate_hz", [250, 500])
+def test_the_steps_of_a_held_command_are_no_fault_of_a_sensor(rate_hz: int) -> None:
+    """At low rates they add to the table's samples up to more than the slow motion itself; exact sensors agree, and
+    one that shows 5 % too much is told."""
+    settings = (f"table={{extends: aps400_virtual, channels: {FURTHER}}}", f"sample_rate_hz={rate_hz}")
+    setup = make_setup(load_cases(["el_centro_low_ff_fb"], settings)[0])
+    found = examine_channels(setup, 0.5, True, None, lambda _: None)
+    assert found.exit_code == 0, channels_page(found)
+    by_name = {one.channel: one for one in found.comparisons}
+    assert by_name["table_displacement"].ratio == pytest.approx(1.0, abs=0.01)
+    assert by_name["table"].ratio == pytest.approx(1.0, abs=0.02)
+    wrong = replace(setup.rig.further[0], sensitivity_v_per_unit=setup.rig.further[0].sensitivity_v_per_unit / 1.05)
+    misread = replace(setup, rig=replace(setup.rig, further=(wrong, *setup.rig.further[1:])), declared_rig=setup.rig)
+    told = {one.channel: one.told for one in examine_channels(misread, 0.5, True, None, lambda _: None).comparisons}
+    assert told["table_displacement"] == "does not agree" and told["table_force"] == "agrees"
+
+
 def test_a_push_tells_the_sign_of_the_first_excursion(setup: Setup) -> None:
     reversed_floor = tuple(
         replace(channel, sign=-1.0) if channel.name == "floor_3" else channel for channel in setup.rig.channels

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 import yaml
+from further_channels import FIVE_AS_KEYS
 from serving_bench import Running
 
 import rths_cli
@@ -19,21 +19,12 @@ from rths_cli.identification import dropout_reconstruction
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 RATE_HZ = 500
-FURTHER: list[dict[str, Any]] = [
-    {"kind": "displacement", "position": "table", "unit": "mm", "sensitivity_v_per_unit": 0.1, "range": 95,
-     "use": "guard"},
-    {"kind": "force", "position": "table", "unit": "N", "sensitivity_v_per_unit": 0.02, "range": 450,
-     "use": ["guard", "shear"], "plate_mass_kg": 1.5},
-    {"kind": "strain", "position": "storey_3", "unit": "um/m", "sensitivity_v_per_unit": 0.001, "range": 9000},
-    {"kind": "acceleration", "position": "floor_3", "unit": "m/s^2", "sensitivity_v_per_unit": 0.1, "range": 50},
-    {"kind": "displacement", "position": "floor_2", "unit": "mm", "sensitivity_v_per_unit": 0.1, "range": 95},
-]  # fmt: skip
 
 
 @pytest.fixture
 def laboratory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Enter a folder with the served rig, a key, a short pulse and the case of a runner."""
-    (tmp_path / "served.yaml").write_text(yaml.safe_dump({"extends": "aps400_virtual", "channels": FURTHER}))
+    (tmp_path / "served.yaml").write_text(yaml.safe_dump({"extends": "aps400_virtual", "channels": FIVE_AS_KEYS}))
     key = tmp_path / "key"
     key.write_text(bytes(range(16)).hex())
     key.chmod(0o600)
@@ -60,7 +51,7 @@ def test_eight_channels_are_identified_run_and_recorded(laboratory: Path, monkey
     running = Running(served, laboratory / "key", watchdog_s=2.0)
     try:
         runner = {
-            "extends": "udp_loopback", "channels": FURTHER, "watchdog_s": 2.0,
+            "extends": "udp_loopback", "channels": FIVE_AS_KEYS, "watchdog_s": 2.0,
             "udp": {"host": "127.0.0.1", "port": running.port, "key_file": "key"},
             "limits": {"lost_samples": 200},
         }  # fmt: skip

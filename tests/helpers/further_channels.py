@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from bench import specimen
@@ -18,6 +19,16 @@ from rths_cli.rigs.description import Channel, RigInfo
 from rths_cli.rigs.interface import as_commands
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
+FIVE_AS_KEYS: list[dict[str, Any]] = [
+    {"kind": "displacement", "position": "table", "unit": "mm", "sensitivity_v_per_unit": 0.1, "range": 95,
+     "use": "guard"},
+    {"kind": "force", "position": "table", "unit": "N", "sensitivity_v_per_unit": 0.02, "range": 450,
+     "use": ["guard", "shear"], "plate_mass_kg": 1.5},
+    {"kind": "strain", "position": "storey_3", "unit": "um/m", "sensitivity_v_per_unit": 0.001, "range": 9000},
+    {"kind": "acceleration", "position": "floor_3", "unit": "m/s^2", "sensitivity_v_per_unit": 0.1, "range": 50},
+    {"kind": "displacement", "position": "floor_2", "unit": "mm", "sensitivity_v_per_unit": 0.1, "range": 95},
+]  # fmt: skip
+"""Five further channels of a rig file, of four kinds."""
 PLATE_KG = 1.5
 RESIDUAL_HZ = 40.0
 

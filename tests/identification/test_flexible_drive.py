@@ -15,7 +15,7 @@ from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Array, ComplexArray
 
-DT, REST_SAMPLES, NOISE_M_S2 = 1e-3, 10000, 3e-4
+REST_S, NOISE_M_S2 = 10.0, 3e-4
 COIL_KG, DECK_KG, GAIN_M_PER_V, LAG_S = 1.8, 5.2, 0.0079, 2e-3
 LOOP_HZ, LOOP_RATIO, LOOP_KG = 14.0, 0.7, 20.86
 SPECIMEN = make_specimen()
@@ -47,23 +47,23 @@ def plant(deck_hz: float, deck_ratio: float = 0.03) -> tuple[Array, Array, Array
     return a, b, a[[bodies + 1]]
 
 
-def true_response(deck_hz: float, frequency_hz: Array) -> ComplexArray:
+def true_response(deck_hz: float, frequency_hz: Array, dt_s: float) -> ComplexArray:
     """Return the response of the deck with the declared delay (one sample of latency, half a sample of hold)."""
     a, b, c = plant(deck_hz)
     s = 2j * np.pi * frequency_hz[:, None, None]
     response = c @ np.linalg.solve(s * np.eye(len(a)) - a, np.tile(b.astype(complex), (len(s), 1, 1)))
-    return np.asarray((response * np.exp(-1.5 * s * DT))[:, 0, 0])
+    return np.asarray((response * np.exp(-1.5 * s * dt_s))[:, 0, 0])
 
 
 @cache
-def identified(deck_hz: float) -> Identification:
-    info = make_info(SPECIMEN, dt_s=DT)
+def identified(deck_hz: float, dt_s: float) -> Identification:
+    info = make_info(SPECIMEN, dt_s=dt_s)
     planned = plan(info, ExcitationSettings(duration_s=40.0), 1)
-    n = len(planned.command_v) + REST_SAMPLES
-    frequency = np.fft.rfftfreq(n, DT)
+    n = len(planned.command_v) + round(REST_S / dt_s)
+    frequency = np.fft.rfftfreq(n, dt_s)
     low = (frequency < 100.0) & (frequency > 0.0)
-    hold = np.sinc(frequency[low] * DT)
-    table = np.fft.rfft(planned.command_v, n)[low] * true_response(deck_hz, frequency[low]) * hold
+    hold = np.sinc(frequency[low] * dt_s)
+    table = np.fft.rfft(planned.command_v, n)[low] * true_response(deck_hz, frequency[low], dt_s) * hold
     lines = np.zeros((1 + len(SPECIMEN.masses_kg), len(frequency)), dtype=complex)
     lines[:, low] = np.vstack([table, table * transmissibility(SPECIMEN, frequency[low])])
     accel = np.fft.irfft(lines, n)[:, : len(planned.command_v)]
@@ -71,20 +71,24 @@ def identified(deck_hz: float) -> Identification:
     return identify([Record(planned.command_v, accel, planned.parts)], info, SPECIMEN.masses_kg)
 
 
-@pytest.mark.parametrize("deck_hz", [45.0, 60.0])
-def test_a_flexible_drive_without_friction_is_accepted_and_true(deck_hz: float) -> None:
-    found = identified(deck_hz)
+@pytest.mark.parametrize(
+    ("deck_hz", "rate_hz", "within"), [(45.0, 1000, 0.005), (60.0, 1000, 0.005), (25.0, 500, 0.012), (40.0, 500, 0.012)]
+)
+def test_a_flexible_drive_without_friction_is_accepted_and_true(deck_hz: float, rate_hz: int, within: float) -> None:
+    """At 500 Hz it is found only where the search begins at several resonances of the deck (`table_fit.DECK_HZ`)."""
+    dt_s = 1.0 / rate_hz
+    found = identified(deck_hz, dt_s)
     assert found.accepted
     f = np.linspace(0.7, 40.0, 400)
-    assert np.abs(found.best.response(f) / true_response(deck_hz, f) - 1.0).max() < 0.005
+    assert np.abs(found.best.response(f) / true_response(deck_hz, f, dt_s) - 1.0).max() < within
     low = f[f < 11.0]
-    assert np.abs(found.paper.response(low) / true_response(deck_hz, low) - 1.0).max() < 0.005
+    assert np.abs(found.paper.response(low) / true_response(deck_hz, low, dt_s) - 1.0).max() < 0.005
     assert len(found.paper.poles) == 2 * len(SPECIMEN.masses_kg) + 4
 
 
 @pytest.mark.parametrize("deck_hz", [45.0, 60.0])
 def test_the_poles_are_those_of_the_equations_of_motion(deck_hz: float) -> None:
-    found = identified(deck_hz).best.poles
+    found = identified(deck_hz, 1e-3).best.poles
     true = np.linalg.eigvals(plant(deck_hz)[0])
     true = true[np.abs(true) < 2.0 * np.pi * 60.0]  # the measured band
     assert len(true) == 7

@@ -23,6 +23,7 @@ from rths_cli.identification.results import (
     LevelBand,
     LevelCauses,
     LowLevelLines,
+    NonlinearSpecimen,
     Root,
     SpecimenFit,
     Verdict,
@@ -80,6 +81,8 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
         groups["low_level"] = {"accel_rms_m_s2": found.low_level_m_s2}
     if found.low_level_lines is not None:
         groups["low_level_lines"] = _fields(found.low_level_lines)
+    if found.nonlinear is not None:
+        groups["nonlinear_specimen"] = _fields(found.nonlinear)
     for table in TABLES:
         if rows := getattr(found, table):
             groups[table] = _columns(rows)
@@ -109,6 +112,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         compared=_made(ComparedBand, groups.get("compared", {})),
         low_level_m_s2=float(groups["low_level"]["accel_rms_m_s2"]) if "low_level" in groups else None,
         low_level_lines=_made(LowLevelLines, groups["low_level_lines"]) if "low_level_lines" in groups else None,
+        nonlinear=_made(NonlinearSpecimen, groups["nonlinear_specimen"]) if "nonlinear_specimen" in groups else None,
         **tables,
     )
 

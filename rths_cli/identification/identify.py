@@ -94,13 +94,20 @@ def identify(
     declared, table = _identified(data, given)
     calibration = _calibration(data, declared, table) if info.calibrates and len(data.masses_kg) else None
     if calibration is None:
-        return declared
+        return _at_every_level(data, declared, table)
     channels = calibrated(info.channels, calibration)
     corrected = [_recorrected(record, info.channels, channels, info.dt_s) for record in records]
     low = _recorrected(quiet, info.channels, channels, info.dt_s) if quiet else None
     there = replace(info, channels=channels)
     data = evidence(corrected, low, there, data.masses_kg * calibration.mass, settings)
-    return replace(_identified(data, given)[0], calibration=calibration)
+    found, table = _identified(data, given)
+    return replace(_at_every_level(data, found, table), calibration=calibration)
+
+
+def _at_every_level(data: Evidence, found: Identification, table: _Table) -> Identification:
+    """Return an identification with its specimen at every level, where that is not linear."""
+    nonlinear = identify_specimen.nonlinear(data, table.fit.chosen.model, found.specimen)
+    return replace(found, nonlinear=nonlinear)
 
 
 def _recorrected(record: Record, before: tuple[Channel, ...], after: tuple[Channel, ...], dt_s: float) -> Record:

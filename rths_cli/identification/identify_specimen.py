@@ -11,8 +11,9 @@ from rths_cli.identification.chain_residual import first_values, grouped
 from rths_cli.identification.channel_signals import channel_noise
 from rths_cli.identification.inputs import Evidence
 from rths_cli.identification.least_squares import covariance, least_squares
+from rths_cli.identification.nonlinear_specimen import identify_nonlinear
 from rths_cli.identification.record_parts import Record
-from rths_cli.identification.results import SpecimenFit
+from rths_cli.identification.results import NonlinearSpecimen, SpecimenFit
 from rths_cli.identification.specimen_fit import (
     ABOVE_HIGHEST,
     MISFIT,
@@ -177,6 +178,22 @@ def _beyond_scatter(full: SpecimenFit, low: SpecimenFit, value: str, error: str)
     here, there = getattr(full, value), getattr(low, value)
     change, scatter = np.log(there / here), np.hypot(getattr(full, error) / here, getattr(low, error) / there)
     return np.asarray(np.sign(change) * np.sqrt(np.maximum(change**2 - scatter**2, 0.0)))
+
+
+def nonlinear(data: Evidence, model: Model, known: SpecimenFit | None) -> NonlinearSpecimen | None:
+    """Return the specimen as it is at every level of the records; None if it is linear as far as they show.
+
+    None without a record at low level, or where that is too short.
+    """
+    if data.quiet is None or known is None:
+        return None
+    start = Start(known.stiffness_n_per_m, known.damping_ratio)
+    quiet, low_hz = _motion(data.quiet, model, free=False), lowest_hz(data, start)
+    if quiet is None or len(quiet.table) < least_samples(known.natural_frequency_hz, data.info.dt_s, low_hz):
+        return None
+    band_hz = low_hz, ABOVE_HIGHEST * float(known.natural_frequency_hz[-1])
+    loud = motions(data, model, free=False)
+    return identify_nonlinear(loud, quiet, data.info.dt_s, data.masses_kg, known.stiffness_n_per_m, band_hz)
 
 
 def with_level(known: SpecimenFit | None, frequency: Array, damping: Array) -> SpecimenFit | None:

@@ -8,7 +8,9 @@ import numpy as np
 
 from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
-from rths_cli.structure import Specimen
+from rths_cli.structure import Specimen, storey_matrix
+from rths_cli.structure.storey_laws import ElasticGap, Law, Laws, arranged
+from rths_cli.structure.storey_laws import Friction as Joint
 
 MOST_UNEXPLAINED = 2.0  # rms of what a session's change of sensors leaves, in units of the noise at rest
 LEAST_HELD_OUT = 0.5  # of the low-level record's power: what friction must remove to be countered
@@ -197,6 +199,56 @@ class Calibration:
 
 
 @dataclass(frozen=True)
+class NonlinearSpecimen:
+    """The specimen as a chain of n storeys whose springs bend and whose joints rub, which holds at every level that the
+    records contain (nonlinear_specimen.py).
+
+    Beside a spring (n,) each storey has joints that slide at forces `joint_n` (n, j), over drifts `joint_m` (n, j) of
+    sticking, and springs `bend_n_per_m` (n, b) of either sign beyond drifts `bend_m` (n, b). `stiffness_n_per_m` is
+    without what the joints add at rest; `dashpots_n_s_per_m` (n, n), symmetric, by the rates of the storeys' drifts.
+    """
+
+    stiffness_n_per_m: Array
+    dashpots_n_s_per_m: Array
+    joint_n: Array
+    joint_m: Array
+    bend_n_per_m: Array
+    bend_m: Array
+
+    @property
+    def possible(self) -> bool:
+        """Return whether every storey has a stiffness at every drift, and no dashpot adds energy."""
+        softest = self.stiffness_n_per_m + np.cumsum(self.bend_n_per_m, axis=1).min(axis=1, initial=0.0)
+        return bool((softest > 0.0).all() and np.linalg.eigvalsh(self.dashpots_n_s_per_m)[0] >= 0.0)
+
+    @property
+    def laws(self) -> Laws:
+        """Return the laws of its storeys, counted from 0 at the table."""
+        return arranged(self._laws)
+
+    def specimen(self, masses_kg: Array) -> Specimen:
+        """Return the specimen with floors of masses (n,), with what its laws add at rest."""
+        at_rest = np.array([sum(law.at_rest[0] for law in of_storey) for of_storey in self._laws])
+        drifts = np.eye(len(masses_kg)) - np.eye(len(masses_kg), k=-1)
+        dashpots = drifts.T @ self.dashpots_n_s_per_m @ drifts
+        return Specimen(masses_kg, storey_matrix(self.stiffness_n_per_m + at_rest), dashpots)
+
+    @property
+    def _laws(self) -> tuple[tuple[Law, ...], ...]:
+        joints, bends = (
+            [[(size, drift) for size, drift in zip(*of_storey, strict=True) if size != 0.0] for of_storey in pairs]
+            for pairs in (
+                zip(self.joint_n.tolist(), self.joint_m.tolist(), strict=True),
+                zip(self.bend_n_per_m.tolist(), self.bend_m.tolist(), strict=True),
+            )
+        )
+        return tuple(
+            (*(Joint(*joint) for joint in rubbing), *(ElasticGap(*bend) for bend in touched))
+            for rubbing, touched in zip(joints, bends, strict=True)
+        )
+
+
+@dataclass(frozen=True)
 class LowLevelLines:
     """Lines of the record at low level, Hann window over all of it, with which the same record in a later session is
     compared (session_record.py): command in V (m,), channels in m/s^2 (c, m), standard deviation of the channels'
@@ -286,6 +338,7 @@ class Identification:
     calibration: Calibration | None = None  # of sensors and masses; None: they are exactly as declared
     low_level_m_s2: float | None = None  # nominal RMS of the record at low level; None: there is none
     low_level_lines: LowLevelLines | None = None  # of that record; None: there is none, or no specimen
+    nonlinear: NonlinearSpecimen | None = None  # the specimen at every level; None: linear, or not known
     session: SessionChange | None = None  # what `calibration` and `best` hold of a later session; None: nothing
     # equally likely identifications, without samples themselves; (): the model's uncertainty is not known as a whole
     samples: tuple[Identification, ...] = ()

@@ -18,6 +18,7 @@ GROUPS = {
     "table/METHOD": "The table's model that a method uses.",
     "fit_error/METHOD": "Relative error |model / response - 1| of that model.",
     "specimen/RECORD": "The specimen as a chain of storeys, from the excitation and from the stretch of held command.",
+    "nonlinear_specimen": "The specimen as a chain of storeys that are not linear, by the records at both levels.",
     "verdict": "Whether the model may drive the table.",
     "compared": "The band in which the models were compared with their data.",
     "friction": "Dry friction of the table, as the change of the command that it is worth.",
@@ -128,6 +129,14 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("frequency_scatter_hz", "Hz", MODES, "natural frequencies' standard deviation over parts of the record"),
             ("damping_scatter", "1", MODES, "damping ratios' standard deviation over parts of the record"),
             ("residual", "1", (), "RMS of what the fit does not explain over RMS of the floors' accelerations"),
+        ),
+        "nonlinear_specimen": (
+            ("stiffness_n_per_m", N_PER_M, FLOORS, "storey stiffnesses at small drifts, without joints"),
+            ("dashpots_n_s_per_m", N_S_PER_M, SQUARE, "forces of the storeys by the rates of their drifts, symmetric"),
+            ("joint_n", "N", ("floor", "joint"), "forces at which joints of a storey slide"),
+            ("joint_m", "m", ("floor", "joint"), "drifts over which they stick"),
+            ("bend_n_per_m", N_PER_M, ("floor", "bend"), "changes of its stiffness beyond drifts of either side"),
+            ("bend_m", "m", ("floor", "bend"), "these drifts"),
         ),
         "verdict": (
             ("accepted", "1", (), "1: the model may drive the table"),

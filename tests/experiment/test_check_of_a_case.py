@@ -9,16 +9,21 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rths_cli.analysis.identified_rig_block import identified_rig
+from rths_cli.analysis.metrics import rms
+from rths_cli.analysis.metrics import test_band as in_test_band
 from rths_cli.analysis.predicted_error import Known
+from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
 from rths_cli.case.load import load_cases
 from rths_cli.control.numerical_substructure import all_storeys
-from rths_cli.experiment.check import as_identified, known_of, preflight_of
+from rths_cli.experiment.check import as_identified, judge, known_of, preflight_of
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.identification.results import Identification
+from rths_cli.identification.results import Identification, NonlinearSpecimen
+from rths_cli.rigs.from_case import true_building
+from rths_cli.structure import storey_values
 
 
 def setup_of(case: str, *settings: str) -> Setup:
@@ -69,6 +74,32 @@ def test_a_loop_that_diverges_is_unstable_and_has_no_prediction(default_identifi
     assert found.verdict == UNSTABLE
     assert found.prediction is None
     assert "spectral radius" in found.reasons[0]
+
+
+def test_the_expected_error_is_that_of_the_specimen_as_it_is_at_the_level_of_the_test(
+    default_identification: Identification,
+) -> None:
+    """The specimen of a rig whose joints rub is told as identified: what the sensors will show is SIM of it."""
+    setup = setup_of("el_centro_high_ff_fb", "scaling=0.1", "table.imperfections.specimen.joint_friction_n=[0.2, 0.1]")
+    declared, true = setup.building, true_building(setup.case, setup.building)
+    assert true is not None
+    summed, nothing = np.tril(np.ones((2, 2))), np.zeros((2, 0))
+    rubbing = NonlinearSpecimen(
+        stiffness_n_per_m=storey_values(declared.specimen.K),
+        dashpots_n_s_per_m=summed.T @ declared.specimen.C @ summed,
+        joint_n=np.array([[0.2], [0.1]]),
+        joint_m=np.full((2, 1), 5e-5),
+        bend_n_per_m=nothing,
+        bend_m=nothing,
+    )
+    identified = replace(default_identification, nonlinear=rubbing)
+    found = judge(setup, identified, design_blocks(setup, identified))
+    assert found.expected_m_s2 is not None and found.preflight.prediction is not None
+    dt, ground = setup.rig.dt_s, setup.motion.accel_m_s2
+    shaken = [reference_of(each).sim(each, dt, ground).abs_accel_m_s2 for each in (true, declared)]
+    other = rms(in_test_band(shaken[0] - shaken[1], dt))
+    assert (other > 3.0 * found.preflight.prediction.total.storeys).all()
+    assert found.expected_m_s2 == pytest.approx(np.hypot(other, found.preflight.prediction.total.storeys), rel=0.02)
 
 
 def of_the_default(setup: Setup, identified: Identification) -> Known:

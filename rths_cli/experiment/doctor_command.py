@@ -182,7 +182,7 @@ def wake_share(info: RigInfo) -> float:
     It is smaller if the loop's own clock sets the pace and missed steps are caught up, because a later command is then
     not sent.
     """
-    return PUNCTUAL if info.previews else P99_SHARE
+    return PUNCTUAL if info.can.takes_trajectories and info.overrun == "skip" else P99_SHARE
 
 
 def _measured(

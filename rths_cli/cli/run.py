@@ -110,6 +110,7 @@ def run(
         fresh=fresh,
         yes=yes,
         series=series,
+        session_seed=swept.session_seed if swept else None,
     )
     ended = run_batch(request, screen)
     _show_results(ended, as_json, junit, Wanted(full, quiet))

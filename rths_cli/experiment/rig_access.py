@@ -53,7 +53,7 @@ def session_of(setup: Setup, stream: tuple[int, ...], seed: int) -> tuple[int, .
     repetitions in a sweep included."""
     if not _changed(stream):
         return (seed, IDENTIFICATION)
-    return (setup.case.seed if wants_session_record(setup) else seed, EXP_RTHS)
+    return (setup.session if wants_session_record(setup) else seed, EXP_RTHS)
 
 
 def _changed(stream: tuple[int, ...]) -> bool:

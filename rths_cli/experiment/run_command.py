@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Event
@@ -76,6 +76,7 @@ class Request:
     samples: OwnSamples = ()  # of the identified model, the caller's
     fresh: bool = False  # whether cached models of virtual rigs are ignored
     yes: bool = False  # whether a rig with `unattended: true` moves without a question
+    session_seed: int | None = None  # of the session of the table runs; None: each case's own seed
     series: str = "all"  # that the result files keep, one of `KEPT_SERIES`
 
 
@@ -91,6 +92,7 @@ def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
         setups = prepare_all(
             cases, request.output, request.overrides, shared, request.parts, request.samples, request.series
         )
+        setups = [replace(setup, session_seed=request.session_seed) for setup in setups]
         jobs += [(setup, request.output / f"{setup.case.name}{suffix}{_when(setup)}.h5") for setup in setups]
     if request.series != "all" and (real := [setup for setup, _ in jobs if setup.rig.can.moves_hardware]):
         raise InputError(

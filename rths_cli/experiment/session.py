@@ -32,7 +32,7 @@ def session_key(setup: Setup) -> str:
     with one model are in one session."""
     if setup.rig.can.moves_hardware:
         return key(setup)
-    return f"{key(setup)} {setup.case.seed} {setup.case.table.model_dump_json(include={'after_identification'})}"
+    return f"{key(setup)} {setup.session} {setup.case.table.model_dump_json(include={'after_identification'})}"
 
 
 def change_shown(setup: Setup, known: Identification, record: Record) -> SessionChange | str:

@@ -57,6 +57,7 @@ class Setup:
     samples: OwnSamples = ()  # of the identified model, the caller's
     own_numerical: PartDesign | None = None  # the caller's numerical substructure
     declared_rig: RigInfo | None = None  # with the sensors as declared, where `rig` has them as calibrated
+    session_seed: int | None = None  # of the session of its table runs, of a row of a sweep that of the sweep's case
     declared: bool = False  # whether `building` is the one that it declares, and not the case's
 
     def calibrated(self, found: Identification) -> Setup:
@@ -71,6 +72,11 @@ class Setup:
         )
         rig = replace(declared, channels=calibrated(declared.channels, found.calibration), further=further)
         return replace(self, rig=rig, declared_rig=declared)
+
+    @property
+    def session(self) -> int:
+        """Return the seed of the session of the case's table runs: the case's own where none is stated."""
+        return self.case.seed if self.session_seed is None else self.session_seed
 
     @property
     def knows_storeys(self) -> bool:

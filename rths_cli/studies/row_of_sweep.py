@@ -28,12 +28,13 @@ WHOLE = 2.0**53  # numbers up to it are whole where they have no fraction
 
 @dataclass(frozen=True)
 class SweptRow:
-    """One row of a sweep: its file and number, its case, what overrode the check, and its figures by path, a number or
-    one per storey (n_storeys,), NaN where it has none."""
+    """One row of a sweep: its file and number, its case, the seed of the session that it is played in, what overrode
+    the check, and its figures by path, a number or one per storey (n_storeys,), NaN where it has none."""
 
     path: Path
     number: int
     case: Case
+    session_seed: int
     overrides: tuple[str, ...]
     figures: dict[str, Array]
 
@@ -74,7 +75,9 @@ def read_row(path: Path, number: int, settings: Sequence[str] = ()) -> SweptRow:
     named = load_written(written, shared, placed)
     last = PlacedSettings([f"seed={sweep.seed[number - 1]}", f"name={named.name}-row{number}", *settings])
     case = load_written(written, shared, placed, last)
-    return SweptRow(path, number, case, tuple(str(about.get("overrides", "")).split()), _figures(sweep, number))
+    return SweptRow(
+        path, number, case, named.seed, tuple(str(about.get("overrides", "")).split()), _figures(sweep, number)
+    )
 
 
 def _texts(path: Path, text: str) -> list[str]:

@@ -34,6 +34,7 @@ from rths_cli.experiment.table_runs_of_case import why_none, why_unsafe
 from rths_cli.loop.run_log import Log, Sizes, empty_log
 from rths_cli.numerics.compiled import processor
 from rths_cli.numerics.shared_values import SharedValues
+from rths_cli.rigs.from_case import laboratory_number
 from rths_cli.studies.sweep_table import RUN, Column, Row, columns, flat, width
 
 if TYPE_CHECKING:
@@ -130,7 +131,9 @@ class Shared:
         sim = sim_of(setup, values)
         truth = truth_of(setup, sim, values, self._progress) if true_reference.is_another(setup) else None
         change_m = None if setup.building.linear else change_of_residual_drift(setup, sim, values)
-        return Ready(setup, checked, "", plan_run(setup, checked.design, HYBRID_TEST), sim, truth, change_m)
+        drifting = known.found if laboratory_number(setup.case) is not None else None
+        plan = plan_run(setup, checked.design, HYBRID_TEST, drifting)
+        return Ready(setup, checked, "", plan, sim, truth, change_m)
 
     def _memory(self, setup: Setup) -> Memory:
         return self._values.get("memory", _model_key(setup), lambda: Memory(Cache()))
@@ -204,7 +207,7 @@ def failed(row: Row, error: Exception) -> Row:
 def _played(ready: Ready, plan: RunPlan, sim: Response, seed: int) -> tuple[Stop | None, Values]:
     """Return why a run ended early and no figures, or None, its errors and the response of its laws by path."""
     setup, design = plan.setup, plan.design
-    outcome = play_run(plan, seed, _log(plan))
+    outcome = play_run(plan, seed, _log(plan) if plan.expected is None else None)
     linear = setup.building.linear
     run = run_of(outcome, setup, plan.kind, design.blocks.lead_samples, plan.expected, only_accelerations=linear)
     if run.stopped is not None:

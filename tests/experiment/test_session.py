@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -19,7 +20,8 @@ from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
 from rths_cli.identification.results import SessionChange
 from rths_cli.rigs.from_case import true_values_of_run
-from rths_cli.studies.sweep_runs import Shared
+from rths_cli.studies.sweep_runs import Shared, play_variant
+from rths_cli.studies.sweep_table import flat, kept_columns
 
 PER_RUN = "channels.gain_change_between_runs"
 LATER = "table.after_identification.command_skew_s=1e-4"
@@ -133,6 +135,19 @@ def test_runs_of_a_case_are_in_one_session() -> None:
     assert session_of(setup, (EXP_RTHS,), 9) == before  # a repetition in a sweep, whose blocks are those of this case
     alone = setup_of("table=aps400_laboratory", "seed=4", "session_record=never")
     assert session_of(alone, (EXP_RTHS,), 9) == (9, EXP_RTHS)
+
+
+def test_a_row_of_a_sweep_has_the_metrics_of_the_run(
+    laboratory: tuple[Setup, Memory, Path, list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Drift of the channels is taken off in both, and the row of another seed is in the session of the sweep's case."""
+    setup, memory, path, _ = laboratory
+    monkeypatch.setattr(Shared, "_memory", lambda *_: memory)
+    kept, ready = kept_columns(None, None), Shared(("check", "model"), lambda _: None).ready(setup.case)
+    row = play_variant(ready, 0, setup.case.seed, kept, 3)
+    assert row.figures == pytest.approx(flat(kept, 3, read_result(path).metrics), rel=1e-9, abs=0.0, nan_ok=True)
+    other = replace(setup_of(*QUICK[:-1], "seed=5"), session_seed=setup.case.seed)
+    assert session_of(other, (EXP_RTHS,), 5) == session_of(setup, (EXP_RTHS,), 5)
 
 
 def test_points_of_a_sweep_in_other_sessions_share_no_blocks() -> None:

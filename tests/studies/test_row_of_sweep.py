@@ -62,6 +62,7 @@ def test_a_row_is_run_in_full_with_the_same_metrics(
     with chdir(tmp_path):
         row = read_row(folder / "s.h5", number, ("runs=[sim, exp_rths]",))
     case = row.case
+    assert row.session_seed == 0  # of the sweep's case: its seeds are repetitions in one session
     assert (case.controller.kind, case.seed, case.name) == (kind, seed, f"a-row{number}")
     assert case.record.path == folder / "records" / "other.csv"
     assert case.table.converters.latency_samples == latency  # type: ignore[attr-defined]

@@ -52,7 +52,7 @@ def kinds(stiffness_n_per_m: float) -> dict[str, tuple[Law, ...]]:
         "friction": Friction(0.2, 1e-4),
         "cubic": Cubic(0.2 * k / YIELD_M**2, 0.01),
         "maxwell": Maxwell(0.3 * k, 50.0),
-        "viscous": ViscousPower(4.0, 0.5),
+        **{f"viscous, exponent {p:g}": ViscousPower(4.0, p) for p in (0.3, 0.5, 0.7, 1.5)},
     }
     mixed = {"mixed": (alike["bilinear"], alike["Bouc-Wen"], alike["Clough"])}
     return {name: (law,) * STOREYS for name, law in alike.items()} | mixed

@@ -35,22 +35,59 @@ from rths_cli.structure.storey_laws import (
 
 REMEMBERED = 2 * OWN_STATES  # numbers of a law
 ROUNDS = 10  # of Newton's method for a damper
-LAST_CHANGE = 1e-7  # of a damper's rate, from which on its tangent is exact to rounding
-SERIES = 3e-3  # change of a damper's rate by its own force up to which four terms are exact to 1e-12
+NEAR = 0.1  # share of a damper's rate, less where it takes much of it, up to which series are taken: exact to 1e-7
+ROOT = 1e-3  # the same at which Newton's method ends, where series are exact to 1e-12
+FAR = 0.3  # the same up to which they lead nearer
 MOST_PIECES = 8  # of a sample's drift, in each of which a hysteresis turns by at most half of its yield drift
 CORNERS = 6  # of Clough's law that a drift of one sample may pass
 BACKBONE, UNLOADING, RELOADING = 1.0, 2.0, 3.0
 
 
 @part
-def damper(numbers: Array, rate: float, gives: float) -> float:
+def to_root(size: float, v: float, lost: float, power: float) -> float:
+    """Return x, but for its fifth power, of the root v (1 + x) of w + lost (w / v)^power = size, by reversed series."""
+    scale = 1.0 / (v + power * lost)
+    first = (size - v - lost) * scale
+    b = 0.5 * power * (power - 1.0) * lost * scale
+    c = b * (power - 2.0) * (1.0 / 3.0)
+    d = c * (power - 3.0) * 0.25
+    return first * (1.0 - first * (b + first * (c - 2.0 * b * b + first * (d - 5.0 * b * c + 5.0 * b * b * b))))
+
+
+@part
+def power_near_one(x: float, power: float) -> float:
+    """Return (1 + x)^power by its series up to the fifth power of x."""
+    last = 1.0 + (power - 4.0) * (1.0 / 5.0) * x
+    third = 1.0 + (power - 2.0) * (1.0 / 3.0) * x * (1.0 + (power - 3.0) * 0.25 * x * last)
+    return 1.0 + power * x * (1.0 + (power - 1.0) * 0.5 * x * third)
+
+
+@part
+def begin_damper(numbers: Array, size: float, gives: float) -> tuple[float, float]:
+    """Return a rate from which Newton's method does not overshoot, and the force there."""
+    c, power, knee, slope = numbers[0], numbers[1], numbers[2], numbers[3]
+    force = c * size**power
+    r = gives * force / size
+    if power < 1.0 and size * (1.0 + (power - 1.0) * r) < knee * (1.0 + power * r):
+        return knee, slope * knee  # the tangent at the whole rate leads too far
+    if power > 1.0 and r > 1.0:
+        return size * r ** (-1.0 / power), size / gives  # still above the root
+    return size, force
+
+
+@part
+def damper(numbers: Array, memory: Array, rate: float, gives: float) -> float:
     """Return the force of a damper at the rate `rate - gives * force`: `gives` in m/s per N, at least zero.
 
-    The usual exponents 1/2 and 2 make a quadratic equation for the root of the rate, or for the rate.
+    The usual exponents 1/2 and 2 make a quadratic equation for the root of the rate, or for the rate. With others the
+    force is a series about a rate whose force is known, because all derivatives of a power follow from its value; a
+    power is taken only where the rate has left that one by a tenth. Far from it Newton's method leads near the root.
+    Memory: that rate at the damper, zero if there is none, and its force; sizes.
     """
     c, power, knee, slope = numbers[0], numbers[1], numbers[2], numbers[3]
     size = abs(rate)
     if size <= knee * (1.0 + gives * slope):
+        memory[0] = 0.0
         return slope * rate / (1.0 + gives * slope)
     if power == 0.5:
         half = 0.5 * gives * c
@@ -58,28 +95,22 @@ def damper(numbers: Array, rate: float, gives: float) -> float:
     if power == 2.0:
         v = 2.0 * size / (1.0 + math.sqrt(1.0 + 4.0 * gives * c * size))
         return math.copysign(c * v * v, rate)
-    v = size
-    force = c * v**power
-    r = gives * force / size
-    if power <= 1.0 and r <= SERIES:  # the force over c size^p is s = (1 - r s)^p: Lagrange's series
-        p, q = power, -r
-        last = p * (5.0 * p - 1.0) * (5.0 * p - 2.0) * (5.0 * p - 3.0) / 24.0
-        third = p * (4.0 * p - 1.0) * (4.0 * p - 2.0) / 6.0
-        factor = 1.0 + q * (p + q * (p * (3.0 * p - 1.0) / 2.0 + q * (third + q * last)))
-        return math.copysign(factor * force, rate)
-    if power < 1.0 and size * (1.0 + (power - 1.0) * r) < knee * (1.0 + power * r):
-        v, force = knee, slope * knee  # the tangent at the whole rate leads too far; below the root no step overshoots
-    elif power > 1.0 and r > 1.0:
-        v, force = size * r ** (-1.0 / power), size / gives  # still above the root, from which no step overshoots
-    for _ in range(ROUNDS):
-        tangent = power * force / v
-        change = (size - v - gives * force) / (1.0 + gives * tangent)
-        if abs(change) <= LAST_CHANGE * v:
-            force += tangent * change
-            break
-        v += change
-        force = c * v**power
-    return math.copysign(force, rate)
+    v, force = memory[0], memory[1]
+    x = to_root(size, v, gives * force, power) if v > 0.0 else math.inf
+    if not abs(x) * (v + gives * force) <= NEAR * v:
+        if abs(x) <= FAR:
+            v += x * v
+            force = c * v**power
+        else:
+            v, force = begin_damper(numbers, size, gives)
+        for _ in range(ROUNDS):
+            x = to_root(size, v, gives * force, power)
+            if abs(x) <= ROOT:
+                break
+            v += (size - v - gives * force) / (1.0 + gives * power * force / v)
+            force = c * v**power
+        memory[0], memory[1] = v, force
+    return math.copysign(force * power_near_one(x, power), rate)
 
 
 @part
@@ -249,7 +280,7 @@ def law_force(
         memory[0] = kept * memory[0] + numbers[1] * (1.0 - kept) * (u - memory[1]) / dt_s
         memory[1] = u
         return memory[0]
-    return damper(numbers, rate + gives * before, gives)
+    return damper(numbers, memory, rate + gives * before, gives)
 
 
 @part_class

@@ -37,12 +37,14 @@ from rths_cli.structure.storey_laws import NUMBERS, OWN, OWN_PARAMETERS, OWN_STA
 
 GROUP = "rths.laws"
 FIELD = "structure.numerical.law"
+ARGUMENTS = 5  # of force
 LONGEST_CALL_S = 20e-6  # in the step, of which there are up to some thousands per second
 LONGEST_TRIAL_S = 10.0  # of all calls of the check
 CALLS = 400  # of a trial: five cycles of growing amplitude
 RATE_1_S = 2.0 * np.pi * 5.0  # of the largest drift, up to whose velocity a law is tried
 AT_REST = 1e-3  # tangent at rest, of the largest one
 ROUNDING = 1e-6  # of the largest tangent
+SHORTEST = 1e-5  # of the largest drift: ways over which jumps of a force are looked for
 TIMED = 200  # calls of which the time is taken, five times
 
 
@@ -165,7 +167,7 @@ def _of_module(module: ModuleType, who: str, text: str) -> Definition:
         faults.append(f"PARAMETERS must be a tuple of at most {OWN_PARAMETERS} names")
     if not isinstance(states, int) or not 0 <= states <= OWN_STATES:
         faults.append(f"STATES must be a whole number from 0 to {OWN_STATES}")
-    if not inspect.isfunction(force):
+    if not inspect.isfunction(force) or len(inspect.signature(force).parameters) != ARGUMENTS:
         faults.append("has no function force(parameters, state, next_state, drift_m, velocity_m_s)")
     if not callable(tangents):
         faults.append("has no function tangents(parameters) that returns the softest and the stiffest, in N/m")
@@ -174,7 +176,7 @@ def _of_module(module: ModuleType, who: str, text: str) -> Definition:
         raise InputError(*(f"{FIELD}: {who}: {fault}" for fault in faults))
     try:
         made = compile_force(force, len(names), states)
-    except NumbaError as error:
+    except (NumbaError, AssertionError, LookupError, NotImplementedError, TypeError, ValueError) as error:
         raise InputError(f"{FIELD}: {who}: numba cannot compile force: {_told(error)}") from error
     if made.runtime_calls:
         called = ", ".join(sorted(made.runtime_calls))
@@ -242,7 +244,7 @@ def _declared(definition: Definition, values: Array) -> Tangents:
     """Return the tangents that a law declares."""
     who = f"{FIELD}: {definition.who}: tangents"
     try:
-        numbers = [float(one) for one in definition.tangents(values)]
+        numbers = [float(one) for one in np.ravel(definition.tangents(values))]
     except Exception as error:
         raise InputError(f"{who} failed: {_told(error)}") from error
     if len(numbers) not in (2, 4) or not np.isfinite(numbers).all():
@@ -261,9 +263,17 @@ def _declared(definition: Definition, values: Array) -> Tangents:
 
 def _faults(definition: Definition, values: Array, declared: Tangents, largest_m: float) -> Iterator[str]:
     """Yield a sentence for each property that a law lacks, as histories of drifts up to the largest one show."""
+    called = _time_per_call(definition, values, largest_m)
+    if called > LONGEST_CALL_S:
+        yield f"force takes {1e6 * called:.3g} us per call, at most {1e6 * LONGEST_CALL_S:g} us; shorten its loops"
+        return
     force, states = definition.force.checked, definition.states
     state, new, other, given = np.zeros(states), np.zeros(states), np.zeros(states), values.copy()
     steps = np.arange(1, CALLS + 1)
+
+    def at_no_velocity(drift_m: float) -> float:
+        return float(force(given, state, other, drift_m, 0.0))
+
     drifts = largest_m * steps / CALLS * np.sin(10.0 * np.pi * steps / CALLS)
     velocities = RATE_1_S * largest_m * steps / CALLS * np.cos(10.0 * np.pi * steps / CALLS)
     at_zero = force(given, state, new, 0.0, 0.0)
@@ -289,7 +299,8 @@ def _faults(definition: Definition, values: Array, declared: Tangents, largest_m
                 yield "force gives another result when it is called again; it may read its arguments only"
                 return
             if not moving and u != before:
-                yield from _outside("stiffness", (value - last) / (u - before), declared.stiffness, "N/m")
+                for slope in _chords(at_no_velocity, (before, u), (last, value), SHORTEST * largest_m):
+                    yield from _outside("stiffness", slope, declared.stiffness, "N/m")
             if moving:
                 faster = force(given, state, other, u, v + 1e-3 * RATE_1_S * largest_m)
                 slope = (faster - value) / (1e-3 * RATE_1_S * largest_m)
@@ -304,9 +315,26 @@ def _faults(definition: Definition, values: Array, declared: Tangents, largest_m
             f"force has the tangent {at_rest:.4g} N/m at rest, which must be 0: add it to the storey's "
             "stiffness_n_per_m, and take its force k u from this one"
         )
-    called = _time_per_call(definition, values, largest_m)
-    if called > LONGEST_CALL_S:
-        yield f"force takes {1e6 * called:.3g} us per call, at most {1e6 * LONGEST_CALL_S:g} us; shorten its loops"
+
+
+def _chords(
+    force: Callable[[float], float], drifts_m: tuple[float, float], forces_n: tuple[float, float], shortest_m: float
+) -> list[float]:
+    """Return the slopes in N/m of a force between two drifts, and those found by halving towards the steepest and the
+    least steep part: a small jump has a slope of its own only over a short way."""
+    found = [(forces_n[1] - forces_n[0]) / (drifts_m[1] - drifts_m[0])]
+    for side in (1.0, -1.0):
+        (a, b), (at_a, at_b) = drifts_m, forces_n
+        while abs(b - a) > shortest_m:
+            middle = 0.5 * (a + b)
+            at_middle = force(middle)
+            first, second = (at_middle - at_a) / (middle - a), (at_b - at_middle) / (b - middle)
+            found.append(side * max(side * first, side * second))
+            if side * first >= side * second:
+                b, at_b = middle, at_middle
+            else:
+                a, at_a = middle, at_middle
+    return found
 
 
 def _outside(what: str, slope: float, declared: tuple[float, float], unit: str) -> Iterator[str]:

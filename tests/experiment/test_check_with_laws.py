@@ -155,7 +155,7 @@ def test_disturbances_of_a_replay_act_beside_those_before_them(yielding: tuple[S
     assert found.replay is not None and found.known is not None
     one_by_one, at_once = found.replay(), found.replay()
     random, shape = np.random.default_rng(1), found.known.loop.rig.shape
-    first, second = (2.0 * (random.normal(size=shape) + 1j * random.normal(size=shape)) for _ in range(2))
+    first, second = (20.0 * (random.normal(size=shape) + 1j * random.normal(size=shape)) for _ in range(2))
     parts = one_by_one.disturb(first, None), one_by_one.disturb(second, None)
     both = at_once.disturb(first + second, None)
     for part, other, whole in zip(*parts, both, strict=True):

@@ -39,4 +39,4 @@ def force(parameters: Any, state: Any, next_state: Any, drift_m: float, velocity
 
 def tangents(parameters: Any) -> Any:
     right = (0.0, 3e5 * 0.02**2)
-    return (right, (1.0, 2.0), (0.0, math.inf), (0.0, 0.0, 2.0, 1.0), 0.0)[int(parameters[2])]
+    return (right, (1.0, 2.0), (0.0, math.inf), (0.0, 0.0, 2.0, 1.0), 0.0, None)[int(parameters[2])]

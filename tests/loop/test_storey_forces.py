@@ -111,7 +111,8 @@ def test_a_law_of_the_user_s_own_steps_as_the_built_in_one_that_it_repeats(name:
     accel, shear = ground(1e-3), 10.0 * np.sin(np.arange(4000) * 0.02)
     pair = [building((law,)) for law in (make(), built_in)]
     ours, theirs = (run(StoreysWithLaws(one.numerical, one.laws, 1e-3), accel, shear) for one in pair)
-    assert np.abs(ours - theirs).max() < 1e-12 * np.abs(theirs).max()
+    within = 1e-7 if name == "viscous_power" else 1e-12  # a built-in damper goes by series, see loop/storey_forces.py
+    assert np.abs(ours - theirs).max() < within * np.abs(theirs).max()
 
 
 def test_laws_that_are_linear_leave_the_linear_block() -> None:
@@ -162,6 +163,21 @@ def test_laws_go_with_the_exact_scheme_only() -> None:
         computed_storeys(building(LAWS["bilinear"]), 5e-4, "cr")
 
 
+@entry
+def damped(numbers: Array, memory: Array, rates: Array, gives: float, forces: Array) -> None:
+    """Write the forces (n,) of a damper at one rate (n,) after the other."""
+    numbers, memory, rates, forces = borrowed((numbers, memory, rates, forces))
+    for k in range(rates.size):
+        forces[k] = damper(numbers, memory, rates[k], gives)
+
+
+def damper_forces(power: float, c: float, knee: float, rates: Array, gives: float) -> Array:
+    """Return the forces (n,) of a damper at the rates (n,), from rest on."""
+    forces = np.zeros(len(rates))
+    damped(np.array([c, power, knee, c * knee ** (power - 1.0)]), np.zeros(2), rates, gives, forces)
+    return forces
+
+
 @pytest.mark.parametrize(
     ("power", "c", "gives", "rate"),
     [
@@ -178,5 +194,26 @@ def test_laws_go_with_the_exact_scheme_only() -> None:
 def test_a_damper_solves_its_own_equation(power: float, c: float, gives: float, rate: float) -> None:
     """The rate falls with the damper's own force: v + gives c v^a = rate, by bisection."""
     v = brentq(lambda v: v + gives * c * v**power - abs(rate), 1e-5, abs(rate), xtol=1e-15)
-    found = damper.py_func(np.array([c, power, 1e-5, c * 1e-5 ** (power - 1.0)]), rate, gives)  # type: ignore[attr-defined]
+    found = damper_forces(power, c, 1e-5, np.array([rate]), gives)[0]
     assert found == pytest.approx(np.sign(rate) * c * v**power, rel=1e-11)
+
+
+@pytest.mark.parametrize("gives", [0.0, 1e-3, 0.05, 1.0])
+@pytest.mark.parametrize("power", [0.1, 0.3, 0.7, 0.9, 1.5, 2.5, 3.0])
+def test_a_damper_goes_from_sample_to_sample(power: float, gives: float) -> None:
+    """From each rate to the next one, smooth or jumping, back and forth through the straight line near rest.
+
+    Series err most where the damper takes far more of the rate than it leaves (`gives` 1).
+    """
+    c, knee = 9.0, 1e-3
+    smooth = 0.4 * np.sin(np.arange(300) * 0.03) * np.linspace(0.0, 1.0, 300)
+    ratios = np.array([0.9, 0.91, 1.0, 1.09, 1.1, 1.101, 3.0, 0.2, -1.0, -1.05])
+
+    def law(v: float) -> float:
+        return c * (v**power if v > knee else v * knee ** (power - 1.0))
+
+    rates = np.append(smooth, 0.05 * np.cumprod(ratios))
+    for rate, found in zip(rates, damper_forces(power, c, knee, rates, gives), strict=True):
+        size = abs(rate)
+        v = brentq(lambda v, size=size: v + gives * law(v) - size, 0.0, size + knee, xtol=1e-18, rtol=1e-15)
+        assert found == pytest.approx(np.sign(rate) * law(v), rel=3e-6 if gives == 1.0 else 1e-7, abs=1e-14)

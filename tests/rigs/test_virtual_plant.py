@@ -12,6 +12,7 @@ from scipy.signal import lsim
 
 from rths_cli.case.virtual_physics_schema import AfterIdentification, VirtualPhysics
 from rths_cli.numerics.lti import Array
+from rths_cli.rigs.virtual.plant_kernel import less_than_exp
 from rths_cli.rigs.virtual.virtual_rig import build_plant, changed
 
 G = 9.80665
@@ -225,3 +226,11 @@ def test_the_force_limit_clips_what_the_displacement_loop_asks_for() -> None:
     _, states, _ = play_plant(info, SHIPPED, np.full(8, 2.0))
     time = np.arange(8) * DT_S
     assert states[2] == pytest.approx(445.0 * (1.0 - np.exp(-time / 1.5e-3)), rel=1e-9)
+
+
+def test_what_spares_an_exp_is_at_most_that_exp_and_not_far_below() -> None:
+    """The level of inner steps is one too low where it were more, and an exp is called in vain where it is far less."""
+    for x in np.concatenate([np.linspace(0.0, 2.0, 201), np.linspace(2.0, 80.0, 100)]):
+        bound = less_than_exp.py_func(x)  # type: ignore[attr-defined]
+        assert bound <= np.exp(x) * (1.0 + 1e-15)
+        assert bound >= 0.75 * np.exp(x) or x > 2.0

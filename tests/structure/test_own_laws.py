@@ -89,6 +89,18 @@ def test_each_property_that_a_law_lacks_is_one_sentence(fault: int, says: str) -
     assert told.startswith("structure.numerical.law: faulty_law.py: force ") and says in told
 
 
+@pytest.mark.parametrize("at_m", [-0.0123, 0.0077])
+def test_a_small_jump_beside_a_steep_slope_is_found(tmp_path: Path, at_m: float) -> None:
+    """0.5 N where the law yields, with -6,300 N/m: over the drifts of a sample it is no stiffness beyond that."""
+    old = "return -(1.0 - hardening) * stiffness * slider"
+    assert old in GOOD
+    (tmp_path / "jumps.py").write_text(
+        GOOD.replace(old, f"{old} + (0.5 if drift_m {'>' if at_m > 0 else '<'} {at_m} else 0.0)")
+    )
+    (told,) = faults_of(tmp_path / "jumps.py", NUMBERS | {"yield_displacement_m": 0.0005})
+    assert "let the force have no jumps" in told
+
+
 def test_without_a_fault_it_is_a_law() -> None:
     assert of_file(FAULTY, with_fault(faulty_law.NONE)).parameters == (0.0, 0.0, 0.0)
 
@@ -111,6 +123,7 @@ def test_a_law_that_takes_long_is_refused_and_one_that_does_not_come_back(monkey
         ("STATES = 1", "STATES = 9", "STATES must be a whole number from 0 to 8"),
         ("PARAMETERS = (", "PARAMETERS = *range(20), (", "PARAMETERS must be a tuple of at most 15 names"),
         ("def force(", "def forces(", "has no function force(parameters, state"),
+        ("drift_m, velocity_m_s)", "drift_m)", "has no function force(parameters, state"),
         ("def tangents(", "def tangent(", "has no function tangents(parameters)"),
         ("def force(", "def force(:", "cannot be loaded: SyntaxError"),
         ("STATES = 1", "import no_such_module", "cannot be loaded: ModuleNotFoundError"),
@@ -148,7 +161,8 @@ def test_code_that_cannot_run_while_a_table_moves_is_refused(tmp_path: Path, old
         (1, "must return softest <= 0 <= stiffest"),
         (2, "must return two finite numbers"),
         (3, "least <= greatest"),
-        (4, "tangents failed: TypeError"),
+        (4, "must return two finite numbers"),
+        (5, "tangents failed: TypeError"),
     ],
 )
 def test_tangents_that_are_none_are_refused(declared: int, says: str) -> None:

@@ -52,7 +52,7 @@ MARKED_FLOORS = 25  # up to which each floor has its marker
 RESTORING = "restoring_force_n"
 DRIFT, SHEAR, DISPLACEMENT = "inter_storey_drift_m", "storey_shear_n", "rel_disp_m"
 LOOPS_S = 6.0  # of the hysteresis: around the largest drift
-POINTS_PER_LOOP = 900
+POINTS_PER_LOOP = 12000  # corners stay sharp; a figure leaves out what lies on a line
 
 
 def drifts_m(source: Source, run: str) -> Array | None:

@@ -12,7 +12,7 @@ from imperfect_table import Imperfect, Table, solved
 from pydantic import ValidationError
 
 from rths_cli.case.rig_schema import VirtualRigSpec
-from rths_cli.case.virtual_imperfections_schema import VirtualImperfections
+from rths_cli.case.virtual_imperfections_schema import Values, VirtualImperfections
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.errors import InputError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
@@ -22,6 +22,7 @@ from rths_cli.rigs.virtual.imperfect.channels import DISPLACEMENT, DRIFT, FORCE
 from rths_cli.rigs.virtual.imperfect.from_laboratory import Output, imperfect_plant
 from rths_cli.rigs.virtual.imperfect.plant import ImperfectPlant
 from rths_cli.rigs.virtual.laboratory import laboratory_of, of_run
+from rths_cli.rigs.virtual.plant_kernel import Plant
 from rths_cli.rigs.virtual.specimen_laws import specimen_with_laws
 from rths_cli.rigs.virtual.virtual_rig import virtual_rig
 
@@ -343,6 +344,21 @@ def test_a_laboratory_that_is_as_declared_has_the_exact_plant() -> None:
     }
     once = VirtualRigSpec.model_validate(stated)
     assert VirtualRigSpec.model_validate_json(once.model_dump_json(), strict=False) == once
+
+
+def test_a_file_that_states_every_imperfection_as_zero_has_the_exact_plant_to_the_bit() -> None:
+    zeros: dict[str, Any] = {
+        part: {name: 0 for name, given in one if isinstance(given, Values)}
+        for part, one in VirtualImperfections().parts()
+    }
+    assert sum(len(names) for names in zeros.values()) > 25
+    info, made = ideal_info(), []
+    for stated in ({}, zeros, {"laboratory": 3}):
+        spec = VirtualRigSpec.model_validate({"kind": "virtual", "imperfections": stated})
+        made.append(virtual_rig(spec, info, specimen(), 0.0, (0, 1), True).plant)
+    assert all(isinstance(plant, Plant) for plant in made)
+    found = [run_plant(plant, info, command_of(200))[0] for plant in made]
+    assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
 
 
 @pytest.mark.parametrize(

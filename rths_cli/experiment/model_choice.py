@@ -146,7 +146,7 @@ class Memory:
     def _from_file(self, setup: Setup, file: Stored | ForeignModel, progress: Progress) -> Known:
         """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
         from rths_cli.experiment.identify_on_rig import evaluated, measure, noted
-        from rths_cli.experiment.model_verification import compared, low_level_record
+        from rths_cli.experiment.model_verification import compared, low_level_record, read_with
         from rths_cli.experiment.session import change_shown, no_drift, session_key, wants_session_record, with_session
 
         if not isinstance(file, Stored):
@@ -158,6 +158,7 @@ class Memory:
         if wants_session_record(setup):
             change = self._sessions[session_key(setup)] = change_shown(setup, file.found, record)
             there = with_session(setup, file.found, change)[0]
+            record = read_with(setup, file.found, there, record)
             refused = () if isinstance(change, str) or not change.believed else no_drift(setup, file.found, change)
         changes, sentence = compared(setup, there, record)
         changes = (*changes, *refused)

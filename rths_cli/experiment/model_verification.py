@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from rths_cli.control.sensor_correction import recorrected
 from rths_cli.experiment.identify_on_rig import probed
 from rths_cli.experiment.rig_access import VERIFICATION
 from rths_cli.experiment.setup import Progress, Setup
@@ -40,8 +41,15 @@ def low_level_record(setup: Setup, known: Identification, progress: Progress) ->
     return probed(setup, progress, (VERIFICATION,), most_m_s2=known.low_level_m_s2 or math.inf)[1]
 
 
+def read_with(setup: Setup, known: Identification, there: Identification, record: Record) -> Record:
+    """Return a record that was corrected for the sensors of the model `known` as those of `there` correct it."""
+    before, after = (setup.calibrated(each).rig.channels for each in (known, there))
+    accel = recorrected(record.accel_m_s2, before, after, setup.rig.dt_s)
+    return Record(record.command_v, accel, record.parts, record.further)
+
+
 def compared(setup: Setup, known: Identification, record: Record) -> tuple[tuple[str, ...], str]:
-    """Compare a low-level record with the model; returns as `verify`."""
+    """Compare a low-level record, corrected for the model's sensors, with the model; returns as `verify`."""
     setup = setup.calibrated(known)
     faults = channel_signals.signal_faults(record, setup.rig)
     if faults:

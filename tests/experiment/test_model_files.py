@@ -28,7 +28,7 @@ from rths_cli.experiment.model_files import KEPT, Cache, key, load, save
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.model_file import read_model
-from rths_cli.identification.results import Identification
+from rths_cli.identification.results import Identification, NonlinearSpecimen
 
 CASE = "el_centro_low_ff_fb"
 
@@ -67,6 +67,16 @@ def file(
     path = tmp_path_factory.mktemp("model") / "models" / "m.h5"
     save(path, default_setup, default_identification, "made for this test", "0" * 64)
     return path
+
+
+def test_a_specimen_that_is_not_linear_comes_back(
+    tmp_path: Path, default_setup: Setup, default_identification: Identification
+) -> None:
+    random = np.random.default_rng(3)
+    k, c, joints, bends = (random.uniform(1.0, 2.0, size) for size in ((2,), (2, 2), (2, 4), (2, 5)))
+    found = replace(default_identification, nonlinear=NonlinearSpecimen(k, c, joints, 1e-3 * joints, -bends, bends))
+    save(tmp_path / "m.h5", default_setup, found, "made for this test", "0" * 64)
+    assert bits(load(tmp_path / "m.h5", default_setup).found) == bits(found)
 
 
 def test_every_bit_of_an_identification_comes_back(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
+from rths_cli.experiment import model_verification, session
 from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import save
@@ -18,6 +19,7 @@ from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.session import with_session
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import SessionChange
 from rths_cli.rigs.from_case import true_values_of_run
 from rths_cli.studies.sweep_runs import Shared, play_variant
@@ -125,6 +127,29 @@ def test_the_record_that_verifies_a_model_file_is_that_of_the_session(tmp_path: 
     found = [fresh.known(stored, said.append).found for _ in range(2)]
     assert [text for text in said if text.startswith("probe")] == ["probe of 25 s at 0.4 m/s^2 rms"]
     assert found[0].session is not None and found[0].session.ripple_m_s2_per_v == pytest.approx(2.5, abs=0.1)
+
+
+def test_a_verification_is_judged_with_the_gains_of_its_session(
+    laboratory: tuple[Setup, Memory, Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lab, memory, _, _ = laboratory
+    save(tmp_path / "lab.h5", lab, memory.identify(lab, lambda _: None), "made for this test", "0" * 64)
+    seen: list[Record] = []
+
+    def judged(setup, known, record):
+        seen.append(record)
+        return compared(setup, known, record)
+
+    compared = model_verification.compared
+    monkeypatch.setattr(session, "change_shown", lambda setup, known, record: seen.append(record) or CHANGED)
+    monkeypatch.setattr(model_verification, "compared", judged)
+    stored = setup_of(*QUICK, "runs=[exp_rths]", f"identification.model={tmp_path / 'lab.h5'}")
+    Memory().known(stored, lambda _: None)
+    played_then, judged_then = (record.accel_m_s2 for record in seen)
+    assert played_then / np.exp(CHANGED.gain)[:, None] == pytest.approx(judged_then, rel=1e-9)
+
+
+CHANGED = SessionChange(np.array([0.0, 0.004, -0.003]), np.zeros(3), 0.0, 1e-10 * np.eye(7), 1.0)
 
 
 def test_runs_of_a_case_are_in_one_session() -> None:

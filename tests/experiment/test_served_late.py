@@ -18,7 +18,7 @@ from rths_cli.experiment.serve_command import ServedRig, describe, make_table
 from rths_cli.loop import udp_target
 from rths_cli.loop.udp_target import CONTROL_SIZE, STAMP_KIND, STAMP_NS, STAMP_S
 from rths_cli.numerics.clock import IntArray
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import open_greeter
@@ -35,6 +35,7 @@ HOUR_NS = 3_600_000_000_000
 @entry
 def look(d: udp_target.Door, t: udp_target.Table) -> int:
     """Serve one packet, as `serve_packets` does many."""
+    d, t = borrowed((d, t))
     return udp_target.look(d, t)
 
 

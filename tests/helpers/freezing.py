@@ -29,7 +29,7 @@ from rths_cli.loop.run_log import Log
 from rths_cli.loop.step_arrays import NUMERICAL, Step
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.clock import IntArray
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp.late_command_trajectory import POINTS, SPACING, Way, fresh_way
 from rths_cli.rigs.udp.link import LOST, OK
@@ -76,6 +76,8 @@ def frozen(
 
     `latched` (n,) is what the table was given in each interval, in V. Return the steps done.
     """
+    plant, table, noise, way, told, course, s, limits = borrowed((plant, table, noise, way, told, course, s, limits))
+    g, drive, log, freezes, latched, samples = borrowed((g, drive, log, freezes, latched, samples))
     k, command, left, since, held, passed, late = 0, 0.0, 0, 0, 0.0, 1, False
     closing = CLOSING_M_S / limits.gain_m_per_v * limits.dt_s
     plant_kernel.read(plant, table, noise[0], samples)

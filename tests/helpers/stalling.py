@@ -30,7 +30,7 @@ from rths_cli.loop.run_log import Log, Signals, signals, sizes_of
 from rths_cli.loop.simulated_time_run import Outcome
 from rths_cli.loop.step_arrays import NUMERICAL, Step
 from rths_cli.numerics.clock import IntArray
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp.handshake import open_greeter
 from rths_cli.rigs.udp.late_command_trajectory import Way, fresh_way
@@ -48,6 +48,8 @@ def stalled(
 
     Return the steps done; `apart` (1,) is how far the table was at most from where the runner took it to stand.
     """
+    d, t, way, course, s, limits, g = borrowed((d, t, way, course, s, limits, g))
+    drive, log, stalls, apart = borrowed((drive, log, stalls, apart))
     behind, waited, k, command = 0, 0, 0, 0.0
     udp_target.arm(d, t, 0)
     udp_target.sample(t, d.session)

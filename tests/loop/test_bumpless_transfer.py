@@ -10,7 +10,7 @@ from hybrid import open_limits
 from rths_cli.loop import bumpless_transfer
 from rths_cli.loop.bumpless_transfer import OFF_V, RATE, STANDS_V, WANTED_V, fresh_drift
 from rths_cli.loop.guard import GuardLimits
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 
 GAIN_M_PER_V, DT_S, BIT_V = 0.0079, 1e-3, 20.0 / 2**16
@@ -24,11 +24,13 @@ def limits_of(**other: float) -> GuardLimits:
 
 @entry
 def gone(drift: Array, limits: GuardLimits, stands: float) -> None:
+    drift, limits = borrowed((drift, limits))
     bumpless_transfer.drift_to(drift, limits, stands)
 
 
 @entry
 def came(drift: Array, limits: GuardLimits, bit_v: float, commands: Array, left: Array) -> None:
+    drift, limits, commands, left = borrowed((drift, limits, commands, left))
     for k in range(commands.size):
         left[k] = bumpless_transfer.rejoin(drift, limits, bit_v, commands[k])
 

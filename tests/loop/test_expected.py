@@ -12,7 +12,7 @@ from scipy.signal import lsim
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.loop.step import step
 from rths_cli.loop.step_arrays import RECORD, Step, assemble
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 
 STEPS = 3000
@@ -21,6 +21,7 @@ STEPS = 3000
 @entry
 def stepped(s: Step, drive: Array, samples: Array, measured: Array, expected: Array) -> None:
     """Run steps on samples (n, c) in V; note the measured table acceleration (n,) and what is expected (n, 2, c)."""
+    s, drive, samples, measured, expected = borrowed((s, drive, samples, measured, expected))
     for k in range(measured.size):
         for c in range(s.samples.size):
             s.samples[c] = samples[k, c]

@@ -16,7 +16,7 @@ from rths_cli.loop.guard import GuardLimits, GuardState
 from rths_cli.loop.realtime_run import Performance
 from rths_cli.loop.run_log import signals, sizes_of
 from rths_cli.loop.step_arrays import EXCITATION, NUMERICAL, RECORD, Step
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 
 UNTIL, POINTS, SPACING_S = 900, 14, 8e-3
@@ -24,16 +24,19 @@ UNTIL, POINTS, SPACING_S = 900, 14, 8e-3
 
 @entry
 def foreseen(f: Foresight, s: Step, drive: Array, k: int, last: int) -> None:
+    f, s, drive = borrowed((f, s, drive))
     fallback_commands.foresee(f, s, drive, k, last, 1.0)
 
 
 @entry
 def foreseen_in_ramp(f: Foresight, s: Step, drive: Array, k: int, last: int, share: float) -> None:
+    f, s, drive = borrowed((f, s, drive))
     fallback_commands.foresee(f, s, drive, k, last, share)
 
 
 @entry
 def foreseen_to_rest(f: Foresight, limits: GuardLimits, g: GuardState) -> None:
+    f, limits, g = borrowed((f, limits, g))
     fallback_commands.foresee_rest(f, limits, g)
 
 

@@ -34,7 +34,7 @@ from rths_cli.loop.guard import (
 from rths_cli.loop.simulated_time_run import Outcome, Stillness, play
 from rths_cli.loop.step_arrays import EXCITATION, RECORD
 from rths_cli.loop.stop_reasons import reason_of
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
@@ -55,6 +55,9 @@ def ask(
     phase: Array,
 ) -> None:
     """Send every asked command (n,) through the guard; note what leaves it and its phase."""
+    limits, state, asked, samples, accel, expected, sent, phase = borrowed(
+        (limits, state, asked, samples, accel, expected, sent, phase)
+    )
     still = np.zeros((3, 1))
     for k in range(asked.size):
         sent[k] = asked[k]
@@ -65,6 +68,7 @@ def ask(
 @entry
 def listening(limits: GuardLimits, state: GuardState, came: Array, samples: Array, expected: Array) -> None:
     """Give the guard samples (n, c) in V, of which not all came (n,), and what they must show (n, 2, c)."""
+    limits, state, came, samples, expected = borrowed((limits, state, came, samples, expected))
     command, still = np.zeros(1), np.zeros((3, 1))
     for k in range(came.size):
         command[0], here = 0.0, samples[k]

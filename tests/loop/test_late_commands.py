@@ -12,7 +12,7 @@ from smooth_way import smooth_way
 from rths_cli.experiment.serve_command import describe, make_table
 from rths_cli.loop import udp_target
 from rths_cli.loop.udp_target import LAST_TICK, MOVED_TICK, STATE, TICK, TICKS_PER_INTERVAL, Door, Table, open_door
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import open_greeter
@@ -26,6 +26,7 @@ FASTEST_V = VELOCITY_M_S / GAIN_M_PER_V * 2e-3  # in an interval
 @entry
 def ticked(d: Door, t: Table, held: Array) -> None:
     """Advance the physics by as many ticks as there are places; note what is held after each."""
+    d, t, held = borrowed((d, t, held))
     for i in range(held.size):
         udp_target.tick(d, t)
         held[i] = t.latched_v[0]
@@ -34,11 +35,13 @@ def ticked(d: Door, t: Table, held: Array) -> None:
 @entry
 def obeyed(d: Door, t: Table) -> None:
     """Obey the command that stands at the beginning of the table's way, now."""
+    d, t = borrowed((d, t))
     udp_target.obey(d, t, d.session[udp_target.STARTED_NS] + d.session[TICK] * d.interval_ns // TICKS_PER_INTERVAL)
 
 
 @entry
 def armed(d: Door, t: Table) -> None:
+    d, t = borrowed((d, t))
     udp_target.arm(d, t, 0)
 
 

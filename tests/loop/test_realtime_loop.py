@@ -20,7 +20,7 @@ from rths_cli.loop.realtime_loop import overrun, run_udp, too_late_for
 from rths_cli.loop.run_log import Log, Signals, signals, sizes_of
 from rths_cli.loop.simulated_time_run import play
 from rths_cli.loop.step_arrays import NUMERICAL, Step
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp.link import fresh_link
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
@@ -159,6 +159,7 @@ def test_a_rehearsal_moves_nothing_and_tells_how_late_each_step_was() -> None:
 @entry
 def look(course: realtime_loop.Course, state: g.GuardState, number: int, tolerance_ns: int) -> int:
     """Call `overrun` with what `too_late_for` finds."""
+    course, state = borrowed((course, state))
     return overrun(course, state, too_late_for(course, number, tolerance_ns))
 
 
@@ -197,6 +198,7 @@ def conducted(
     samples: Array, lost: int, k: int,
 ) -> float:  # fmt: skip
     """Call `conduct`."""
+    course, s, limits, state, drive, log, samples = borrowed((course, s, limits, state, drive, log, samples))
     return realtime_loop.conduct(course, s, limits, state, drive, log, samples, lost, k)
 
 

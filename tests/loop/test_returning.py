@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from bench import rig_info
 from hybrid import best_like, open_limits
+from test_realtime_loop import conducted
 
 from rths_cli.loop import bumpless_transfer
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.bumpless_transfer import Returning
-from rths_cli.loop.guard import ACCELERATION, GuardLimits, GuardState
+from rths_cli.loop.guard import ACCELERATION
 from rths_cli.loop.lost_samples import MIXED, NO_ANSWER
-from rths_cli.loop.realtime_loop import Course, conduct
 from rths_cli.loop.realtime_run import prepare
-from rths_cli.loop.run_log import Log, signals, sizes_of
+from rths_cli.loop.run_log import signals, sizes_of
 from rths_cli.loop.step import sense
 from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
 from rths_cli.numerics.clock import IntArray
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 
 
@@ -34,6 +34,7 @@ def shares(r: Returning, came: IntArray, given: Array) -> None:
 @entry
 def returned(r: Returning, s: Step, samples: Array, given: Array, heard: Array) -> None:
     """Lose three samples, then take samples (n, c) in V; note what the step is given and what was heard, (n, c)."""
+    r, s, samples, given, heard = borrowed((r, s, samples, given, heard))
     for _ in range(3):
         bumpless_transfer.note_lost(r)
     for k in range(len(samples)):
@@ -94,16 +95,6 @@ def test_the_step_is_given_a_mix_and_what_came_is_corrected_as_it_came() -> None
     np.testing.assert_allclose(heard, oracle, rtol=1e-9)
 
 
-@entry
-def conducted(
-    course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, samples: Array, lost: IntArray
-) -> None:
-    """Do the steps of a run on samples (n, c) in V, some of them lost (n,)."""
-    for k in range(lost.size):
-        conduct(course, s, limits, g, drive, log, samples[k], lost[k], k)
-        log.done[0] = k + 1
-
-
 def test_a_sample_beyond_its_limit_stops_the_test_however_small_its_share_is() -> None:
     """Two samples after a gap of five, channel 1 shows 46 m/s^2; the step is given a hundredth of it."""
     info = rig_info(dt_s=1e-3)
@@ -112,7 +103,10 @@ def test_a_sample_beyond_its_limit_stops_the_test_however_small_its_share_is() -
     limits = open_limits(info)._replace(abort=np.full(3, 45.0), acceleration_m_s2=45.0, stroke_m=0.1)
     limits = limits._replace(velocity_m_s=1.0, command_v=10.0)
     run = prepare(info, best_like(info), NUMERICAL, np.zeros((100, 3)), limits)
-    conducted(run.course, run.step, run.limits, run.guard, run.drive, run.log, samples, lost)
+    whole = (run.course, run.step, run.limits, run.guard, run.drive, run.log)
+    for k in range(lost.size):
+        conducted(*whole, samples[k], int(lost[k]), k)
+        run.log.done[0] = k + 1
     named = signals(run.log, sizes_of(run.step))
     assert tuple(run.guard.flags[1:]) == (ACCELERATION, 1, 26)
     np.testing.assert_array_equal(named.lost[18:40], [0.0] * 2 + [NO_ANSWER] * 5 + [MIXED] * 15)

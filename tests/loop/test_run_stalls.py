@@ -16,14 +16,15 @@ from bench import rig_info
 from hybrid import best_like, open_limits
 from smooth_way import smooth_way
 from test_fallback_commands import wave
+from test_realtime_loop import conducted
 from udp_peer import PlainTarget, virtual_table
 
 from rths_cli.loop import guard, realtime_run
 from rths_cli.loop.guard import GuardLimits, GuardState
-from rths_cli.loop.realtime_loop import START_NS, Course, conduct, leave, look_ahead, pass_by
+from rths_cli.loop.realtime_loop import START_NS, Course, leave, look_ahead, pass_by
 from rths_cli.loop.run_log import Log, Signals, signals, sizes_of
 from rths_cli.loop.step_arrays import RECORD, Step
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp.late_command_trajectory import Way, fresh_way, place_after
 from rths_cli.rigs.udp.packets import COMMAND
@@ -102,23 +103,14 @@ def sent(
     course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, told: Way, waited: int,
     command: float, k: int,
 ) -> float:  # fmt: skip
-    """Return what the rig is given for step k - 1: a command that leaves or, after `waited` intervals, none."""
+    """Look ahead after step k - 1, then return what the rig is given for it: a command that leaves or, after `waited`
+    intervals, none."""
+    course, s, limits, g, drive, log, told = borrowed((course, s, limits, g, drive, log, told))
+    look_ahead(course, s, limits, g, drive, log, k)
     if waited == 0:
         return leave(course, s, limits, log, told, command, k)
     pass_by(course, s, limits, log, told, waited, k)
     return place_after(told, waited)
-
-
-@entry
-def computed(
-    course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, samples: Array, lost: int,
-    k: int,
-) -> float:  # fmt: skip
-    """Do step k, look ahead after it, and return its command."""
-    log.done[0] = k
-    command = conduct(course, s, limits, g, drive, log, samples, lost, k)
-    look_ahead(course, s, limits, g, drive, log, k + 1)
-    return command
 
 
 @entry
@@ -136,13 +128,14 @@ def test_after_a_gap_the_next_command_is_where_the_way_would_have_led() -> None:
     run = realtime_run.prepare(info, blocks, RECORD, wave(1200, DT_S, RECORD), open_limits(info), ramp_s=0.1)
     table, told, waited, off = virtual_table(info, (1, 2)), fresh_way(), 0, []
     whole = (run.course, run.step, run.limits, run.guard, run.drive, run.log)
-    command = computed(*whole, np.array(table(None)), 0, 0)
+    command = conducted(*whole, np.array(table(None)), 0, 0)
     missed = {250 + 150 * i + j for i, length in enumerate(STALLS) for j in range(length)}
     for k in range(1, 1100):
         led, passed = led_to(told, waited + 1), waited
         waited = waited + 1 if k in missed else 0
         given = sent(*whole, told, waited, command, k)
         off += [given - led] if passed > 0 and waited == 0 else []
-        command = computed(*whole, np.array(table(given)), 2 if waited > 0 else 0, k)
+        run.log.done[0] = k
+        command = conducted(*whole, np.array(table(given)), 2 if waited > 0 else 0, k)
     assert len(off) == len(STALLS) and np.abs(off).max() < 1e-3
     assert np.abs(np.diff(signals(run.log, sizes_of(run.step)).command_v[:1100])).max() > 0.045

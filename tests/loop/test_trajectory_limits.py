@@ -16,7 +16,7 @@ from rths_cli.loop import fallback_commands
 from rths_cli.loop.bumpless_transfer import OFF_V, RATE, STEP_V, fresh_drift
 from rths_cli.loop.fallback_commands import Foresight, no_foresight
 from rths_cli.loop.guard import GuardLimits
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp.late_command_trajectory import Way, fresh_way
 
@@ -26,6 +26,7 @@ STROKE_M, END = 0.03, SPACING * POINTS
 
 @entry
 def laid(way: Way, f: Foresight, limits: GuardLimits, drift: Array) -> None:
+    way, f, limits, drift = borrowed((way, f, limits, drift))
     fallback_commands.lay_way(way, f, limits, drift)
 
 

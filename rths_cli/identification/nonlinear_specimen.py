@@ -37,6 +37,7 @@ ENDS = 4  # number of powers of 1 / s that represent the ends of a record
 ROUNDS = 4  # iterations of the records' weights
 WORTH = 0.8  # laws are believed if they reduce what a linear storey leaves to this share, geometric mean of the records
 REAL = 1e-6  # least residual, over the inertia
+LOST = 1e-7  # what is smaller, relative to the whole, is what rounding makes of zero
 
 
 @dataclass(frozen=True)
@@ -155,6 +156,14 @@ def _noise(lines: _Lines, mass: float, above: float, stiffness: float) -> Array:
     return np.asarray(np.sqrt((mass - per_accel) ** 2 + per_accel**2 + above))
 
 
+def _span(rows: Array) -> Array:
+    """Return an orthonormal basis (r, m) of what rows (n, m) span; r < n where some are zero or depend on others."""
+    size = np.linalg.norm(rows, axis=1)
+    kept = rows[size > 0.0] / size[size > 0.0, None]  # a bend that no drift reaches has a row of zeros
+    _, values, basis = np.linalg.svd(kept, full_matrices=False)
+    return np.asarray(basis[values > LOST * values[0]])
+
+
 def _fitted(records: Sequence[_Equations], i: int, laws: bool) -> _Storey:
     """Return storey i, with or without joints and bends, from all records at once."""
     from scipy.optimize import nnls
@@ -174,10 +183,13 @@ def _fitted(records: Sequence[_Equations], i: int, laws: bool) -> _Storey:
         rubbing = np.hstack([w * rows for w, rows in zip(weight, joints, strict=True)])
         pushed = np.zeros(j)
         if laws:
-            basis = np.linalg.qr((free / np.linalg.norm(free, axis=1, keepdims=True)).T)[0]
-            alone = rubbing - (rubbing @ basis) @ basis.T
-            scale = np.linalg.norm(alone, axis=1)
-            pushed = nnls((alone / scale[:, None]).T, target - (target @ basis) @ basis.T)[0] / scale
+            basis = _span(free)
+            alone = rubbing - (rubbing @ basis.T) @ basis
+            size = np.linalg.norm(alone, axis=1)
+            seen = size > LOST * np.linalg.norm(rubbing, axis=1)  # others never slid, or are what a spring is
+            if seen.any():
+                shares = nnls((alone[seen] / size[seen, None]).T, target - (target @ basis.T) @ basis)[0]
+                pushed[seen] = shares / size[seen]
         factors = linear(free, target - pushed @ rubbing)
         residual = target - pushed @ rubbing - factors @ free
         pieces = np.split(residual, np.cumsum([rows.size for rows in wanted])[:-1])

@@ -140,3 +140,11 @@ def test_a_linear_specimen_is_linear() -> None:
 
 def test_what_noise_hides_is_not_found() -> None:
     assert identified(0.02, 0.1, 1.0) is None
+
+
+def test_bends_that_no_drift_reaches_are_left_out() -> None:
+    # both records at one level: no drift is eight times the rms one
+    quiet = records(0.02, 0.1)[1]
+    found = identify_nonlinear([quiet], quiet, DT, MASSES, STIFFNESS, BAND_HZ)
+    assert found is not None
+    assert (np.abs(found.bend_n_per_m[:, -1]) < 1e-12 * STIFFNESS).all() and found.joint_n.any()

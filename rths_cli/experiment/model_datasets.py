@@ -31,7 +31,7 @@ from rths_cli.identification.results import (
 from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Frf, Model
 from rths_cli.quantities import AXES
-from rths_cli.quantities.model_datasets import model_dataset
+from rths_cli.quantities.model_datasets import RECORDS, model_dataset
 from rths_cli.structure import Specimen
 
 T = TypeVar("T")
@@ -66,7 +66,8 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
         groups[f"frf/{name}"] = _fields(frf) | {"frequency_hz": frf.frequency_hz}
         if floor is not None:
             groups[f"frf/{name}"] = {**groups[f"frf/{name}"], "noise_floor": floor}
-    for where, fit in (("excitation", found.specimen), ("free_vibration", found.free_vibration)):
+    fits = (found.specimen, found.free_vibration, found.low_level)
+    for where, fit in zip(RECORDS, fits, strict=True):
         if fit is not None:
             groups[f"specimen/{where}"] = {**_fields(fit), **_fields(fit.specimen)}
     if found.friction is not None:
@@ -104,6 +105,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         paper_error=_made(FitError, groups["fit_error/paper"]),
         specimen=_specimen(groups.get("specimen/excitation")),
         free_vibration=_specimen(groups.get("specimen/free_vibration")),
+        low_level=_specimen(groups.get("specimen/low_level")),
         verdict=_made(Verdict, groups["verdict"]),
         friction=_made(Friction, groups["friction"]) if "friction" in groups else None,
         latency=_made(DelayEstimate, groups["latency"]) if "latency" in groups else None,

@@ -94,17 +94,20 @@ def _band_sentence(band: LevelBand, change: float) -> str:
 
 
 def specimen_changes(setup: Setup, known: Identification, record: Record) -> list[str]:
-    """Return a sentence for each mode of the specimen that has changed."""
-    if known.specimen is None:
+    """Return a sentence for each mode of the specimen that has changed, from the record at low level if the model has
+    one: a specimen whose springs bend and joints rub has other modes at another level."""
+    before = known.low_level or known.specimen
+    if before is None:
         return []
-    now = seen_specimen(setup, known, record)
-    before = known.specimen
+    now, of_record = seen_specimen(setup, known, record), float(known.low_level is not None)
     found = []
     for mode in range(len(before.natural_frequency_hz)):
         hz, was = now.natural_frequency_hz[mode], before.natural_frequency_hz[mode]
         ratio, ratio_was = now.damping_ratio[mode], before.damping_ratio[mode]
-        off = abs(hz - was) > FREQUENCY_SHARE * ratio_was * was + SIGMA * now.frequency_error_hz[mode]
-        damped = abs(ratio - ratio_was) > DAMPING_SHARE * ratio_was + SIGMA * now.damping_error[mode]
+        hz_error = np.hypot(now.frequency_error_hz[mode], of_record * before.frequency_error_hz[mode])
+        ratio_error = np.hypot(now.damping_error[mode], of_record * before.damping_error[mode])
+        off = abs(hz - was) > FREQUENCY_SHARE * ratio_was * was + SIGMA * hz_error
+        damped = abs(ratio - ratio_was) > DAMPING_SHARE * ratio_was + SIGMA * ratio_error
         if off or damped:
             found.append(
                 f"specimen mode {mode + 1} is at {hz:.3f} Hz with {100.0 * ratio:.2f} %, the model was made with "

@@ -212,7 +212,8 @@ def _identification(
     if dry is not None and data.quiet is not None and table.comparable:
         lag_s = force_lag_s(best, specimen.excited.specimen) if specimen.excited else 0.0
         dry = friction.tried_on(dry, data.quiet, table.fit.chosen.model, lag_s, data.info, compared)
-    of_level = identify_specimen.of_level(data, table.fit.chosen.model, specimen.excited)
+    low = identify_specimen.at_low_level(data, table.fit.chosen.model, specimen.excited)
+    of_level = identify_specimen.of_level(data.level_ratio, specimen.excited, low)
     excited, free = (identify_specimen.with_level(each, *of_level) for each in (specimen.excited, specimen.free))
     return Identification(
         frfs=(clean, *frfs[1:]),
@@ -223,6 +224,7 @@ def _identification(
         paper_error=fit_error(table.paper, clean, compared),
         specimen=excited,
         free_vibration=free,
+        low_level=low,
         channels=reports,
         candidates=() if table.given else table.fit.candidates,
         roots=_roots(data, table, excited, of_level, dry),

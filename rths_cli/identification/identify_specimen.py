@@ -147,29 +147,34 @@ WHOLE_CHANGE = 1.5  # change of a law from rest to full level over that from a f
 STUCK = 2.0  # factor on what friction that slides at both levels leaves at full level; it may stick at the low one
 
 
-def of_level(data: Evidence, model: Model, known: SpecimenFit | None) -> tuple[Array, Array]:
-    """Return the relative uncertainty (n,) of frequencies and of damping ratios by their dependence on the level.
-
-    It is 1.5 times the change between the records at low and at full level, beyond what the fits scatter. A stiffness
-    that changes as A / (A + h) with the amplitude A changes from rest to full level 1.25 (A much less than h) to 2
-    (A = 3 h) times as much as from a fifth of that level. Damping that falls as the level grows is dry friction, which
-    leaves 1 / (r - 1) of the change at full level for levels of ratio r. Zeros without a record at low level, or where
-    it is too short or no chain explains half of its motion.
-    """
-    modes = 0 if known is None else len(known.damping_ratio)
-    nothing = np.zeros(modes), np.zeros(modes)
+def at_low_level(data: Evidence, model: Model, known: SpecimenFit | None) -> SpecimenFit | None:
+    """Return the specimen from the record at low level alone; None without one, or where it is too short or no chain
+    explains half of its motion."""
     if data.quiet is None or known is None:
-        return nothing
+        return None
     start = Start(known.stiffness_n_per_m, known.damping_ratio)
     seen, low_hz = _motion(data.quiet, model, free=False), lowest_hz(data, start)
     if seen is None or len(seen.table) < least_samples(known.natural_frequency_hz, data.info.dt_s, low_hz):
-        return nothing
+        return None
     low = fit_specimen([seen], data.info.dt_s, data.masses_kg, low_hz, start)
-    if low.residual > MOST_UNEXPLAINED:
-        return nothing
+    return None if low.residual > MOST_UNEXPLAINED else low
+
+
+def of_level(level_ratio: float, known: SpecimenFit | None, low: SpecimenFit | None) -> tuple[Array, Array]:
+    """Return the relative uncertainty (n,) of frequencies and of damping ratios by their dependence on the level.
+
+    `low`: from the record at low level, below full level by `level_ratio`. The uncertainty is 1.5 times the change
+    between the records at low and at full level, beyond what the fits scatter. A stiffness
+    that changes as A / (A + h) with the amplitude A changes from rest to full level 1.25 (A much less than h) to 2
+    (A = 3 h) times as much as from a fifth of that level. Damping that falls as the level grows is dry friction, which
+    leaves 1 / (r - 1) of the change at full level for levels of ratio r. Zeros where nothing is known of the low level.
+    """
+    modes = 0 if known is None else len(known.damping_ratio)
+    if known is None or low is None:
+        return np.zeros(modes), np.zeros(modes)
     hz, damping = (_beyond_scatter(known, low, *names) for names in (
         ("natural_frequency_hz", "frequency_error_hz"), ("damping_ratio", "damping_error")))  # fmt: skip
-    rubbed = min(STUCK / max(data.level_ratio - 1.0, 1.0), WHOLE_CHANGE)
+    rubbed = min(STUCK / max(level_ratio - 1.0, 1.0), WHOLE_CHANGE)
     return WHOLE_CHANGE * np.abs(hz), np.where(damping > 0.0, rubbed * damping, -WHOLE_CHANGE * damping)
 
 

@@ -338,6 +338,7 @@ class Identification:
     calibration: Calibration | None = None  # of sensors and masses; None: they are exactly as declared
     low_level_m_s2: float | None = None  # nominal RMS of the record at low level; None: there is none
     low_level_lines: LowLevelLines | None = None  # of that record; None: there is none, or no specimen
+    low_level: SpecimenFit | None = None  # the specimen from that record alone; None: not known
     nonlinear: NonlinearSpecimen | None = None  # the specimen at every level; None: linear, or not known
     session: SessionChange | None = None  # what `calibration` and `best` hold of a later session; None: nothing
     # equally likely identifications, without samples themselves; (): the model's uncertainty is not known as a whole

@@ -1,7 +1,8 @@
 """Declarations of the datasets and attributes of a model file.
 
-In a path `METHOD` stands for best or paper, `RECORD` for excitation or free_vibration, `CHANNEL` for a channel's name.
-Numbers are stored as float64, true and false as 1 and 0; what was not found is left out.
+In a path `METHOD` stands for best or paper, `RECORD` for excitation, free_vibration or low_level,
+`CHANNEL` for a channel's name. Numbers are stored as float64, true and false as 1 and 0; what was not found
+is left out.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ from itertools import product
 from rths_cli.quantities.declaration import AttributeDeclaration, DatasetDeclaration, Kind
 
 METHODS = ("best", "paper")
-RECORDS = ("excitation", "free_vibration")
+RECORDS = ("excitation", "free_vibration", "low_level")
 GROUPS = {
     "frf/CHANNEL": "Frequency response from command to a channel.",
     "table/METHOD": "The table's model that a method uses.",
     "fit_error/METHOD": "Relative error |model / response - 1| of that model.",
-    "specimen/RECORD": "The specimen as a chain of storeys, from the excitation and from the stretch of held command.",
+    "specimen/RECORD": "The specimen as a chain of storeys, from each part of the records.",
     "nonlinear_specimen": "The specimen as a chain of storeys that are not linear, by the records at both levels.",
     "verdict": "Whether the model may drive the table.",
     "compared": "The band in which the models were compared with their data.",

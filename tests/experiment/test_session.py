@@ -144,8 +144,9 @@ def test_a_verification_is_judged_with_the_gains_of_its_session(
     monkeypatch.setattr(session, "change_shown", lambda setup, known, record: seen.append(record) or CHANGED)
     monkeypatch.setattr(model_verification, "compared", judged)
     stored = setup_of(*QUICK, "runs=[exp_rths]", f"identification.model={tmp_path / 'lab.h5'}")
-    Memory().known(stored, lambda _: None)
+    known = Memory().known(stored, lambda _: None)
     played_then, judged_then = (record.accel_m_s2 for record in seen)
+    assert not any("specimen mode" in reason for reason in known.reasons), "another level is no change of the specimen"
     assert played_then / np.exp(CHANGED.gain)[:, None] == pytest.approx(judged_then, rel=1e-9)
 
 

@@ -92,7 +92,7 @@ def _model() -> Iterator[str]:
     yield "## Model files"
     yield "What `rths identify` writes; what was not found is left out. True and false are 1 and 0."
     yield _attributes(MODEL_ATTRIBUTES.values())
-    yield "`METHOD` is best or paper, `RECORD` excitation or free_vibration, `CHANNEL` the name of a channel."
+    yield "`METHOD` is best or paper, `RECORD` excitation, free_vibration or low_level, `CHANNEL` a channel's name."
     for group, members in groupby(declared_model_datasets(), key=lambda one: one.group):
         yield f"### `/{group}` of a model"
         yield escaped(MODEL_GROUPS[group])

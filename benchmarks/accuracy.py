@@ -19,6 +19,7 @@ from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import TABLE_RUNS, plan_run, play_run
 from rths_cli.experiment.run_signals import on_record_clock, whole_building
@@ -90,7 +91,8 @@ def results(task: Task) -> list[Result]:
 def result(setup: Setup, change: Change) -> Result:
     """Play shake-table test and EXP-RTHS of one case and compare them with their references."""
     dt, ground, building = setup.rig.dt_s, setup.motion.accel_m_s2, setup.building
-    design = design_blocks(setup, MEMORY.identify(setup, lambda _: None))
+    identified = MEMORY.identify(setup, lambda _: None)
+    design, _ = choose_design(setup, identified, design_blocks(setup, identified))
     tracked, stopped = [], ""
     for kind in TABLE_RUNS:
         outcome = play_run(plan_run(setup, design, kind), setup.case.seed)
@@ -164,7 +166,8 @@ def seeds(pool: ProcessPoolExecutor) -> None:
 def friction(pool: ProcessPoolExecutor) -> None:
     """Print the twelve cells with and without a command that counters the table's friction."""
     print("\nthe same with friction countered (wanted <= 0.008), and as it is (wanted <= 0.012)")
-    twelve(pool, {"countered": ("controller={kind: FF+FB, friction_compensation: true}",), "as it is": ()})
+    plain = "controller={kind: FF+FB, reaction_feedforward: false, friction_compensation: false}"
+    twelve(pool, {"countered": (), "as it is": (plain,)})
 
 
 def sampling(pool: ProcessPoolExecutor) -> None:

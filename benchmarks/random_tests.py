@@ -14,8 +14,8 @@ from rths_cli.analysis.metrics import error_figures, rms
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError
-from rths_cli.experiment.check import preflight_of
 from rths_cli.experiment.design import Design, design_blocks
+from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.one_table_run import HYBRID_TEST, plan_run, play_run
@@ -170,7 +170,11 @@ def judged(seed: int, cache: Cache | None = None) -> Row:
     except RthsError as error:
         return Row(seed, drawn, str(error))
     setup = setup_of(drawn.case, f"scaling={drawn.share * allowed(setup)}")
-    found = preflight_of(setup, identified, design)
+    try:
+        design, judgement = choose_design(setup, identified, design)
+    except RthsError as error:
+        return Row(seed, drawn, str(error))
+    found = judgement.preflight
     prediction = found.prediction
     predicted = {"total": prediction.total, **prediction.causes} if prediction else {}
     errors = {name: np.append(error.storeys, error.tracking) for name, error in predicted.items()}

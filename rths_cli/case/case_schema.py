@@ -114,16 +114,17 @@ class ControllerSpec(Strict):
         default=None, description="largest share of the feedback in the command; default: what the range leaves"
     )
 
-    reaction_feedforward: bool = Field(
-        default=False,
+    reaction_feedforward: Literal["automatic", True, False] = Field(
+        default="automatic",
         description="method best: the command also counters what a specimen that yields or is damaged does to the "
-        "table; judged at both ends of check.specimen_range (default: 0.5 to 1)",
+        "table; judged at both ends of check.specimen_range (default: 0.5 to 1); automatic: where the check finds the "
+        "test safe with it",
     )
-
-    friction_compensation: bool = Field(
-        default=False,
+    friction_compensation: Literal["automatic", True, False] = Field(
+        default="automatic",
         description="method best: the command also counters the table's dry friction, where the identification's "
-        "low-level record shows that this removes most of what the model leaves",
+        "low-level record shows that this removes most of what the model leaves; automatic: not on rigs that need the "
+        "command preview",
     )
 
     @classmethod

@@ -255,7 +255,7 @@ def _wanted(cls: type[Strict], error: ErrorDetails) -> str:
     }
     kind, context = error["type"], error.get("ctx", {})
     if kind == "literal_error":
-        return str(context["expected"]).replace("'", "")
+        return str(context["expected"]).replace("'", "").replace("True", "true").replace("False", "false")
     if kind == "too_short" and context["min_length"] > 1:
         return f"a list of at least {context['min_length']} entries"
     if kind == "too_long":

@@ -74,13 +74,22 @@ def without_effect(case: Case, keys: Iterable[str], runs: Collection[str]) -> di
     return found
 
 
+def _automatic(case: Case, key: str) -> bool:
+    """Return whether a key leaves its choice to the program, which asks for nothing."""
+    value: object = case
+    for part in key.split("."):
+        value = getattr(value, part, None)
+    return value == "automatic"
+
+
 def sentence(case: Case) -> str:
     """Return a warning that names the keys which the case states and its runs do not read, "" if all are read.
 
     SIM-DELAY of the identified building is a part of the check of EXP-RTHS.
     """
     runs = {*case.runs, *(("sim_delay",) if "exp_rths" in case.runs else ())}
-    found = without_effect(case, (key for key in case.stated if not key.endswith(".extends")), runs)
+    asked = (key for key in case.stated if not key.endswith(".extends") and not _automatic(case, key))
+    found = without_effect(case, asked, runs)
     reasons: dict[str, list[str]] = {}
     for key, why in found.items():
         reasons.setdefault(why, []).append(key)

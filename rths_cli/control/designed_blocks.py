@@ -30,7 +30,8 @@ class Blocks:
     None where there is none. `open_loop`: the same from the table's acceleration to the floors' accelerations, by which
     the guard knows what a floor must show; no block of the control, None where no specimen is known. `further`: samples
     in V of the channels beside the accelerometers to their values; None where there are none. `cell`: the load cell of
-    the base shear; estimator and interface are those without it (control.load_cell).
+    the base shear; estimator and interface are those without it (control.load_cell). `counters_reaction`: whether the
+    feedforward counters a reaction of the specimen that was not identified (control.reaction).
     """
 
     correction: Block
@@ -49,6 +50,7 @@ class Blocks:
     open_loop: Block | None = None
     further: Block | None = None
     cell: CellInput | None = None
+    counters_reaction: bool = False
 
     @property
     def lead_samples(self) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.keys_without_effect import sentence
-from rths_cli.experiment.loop_stability_of_case import counters_friction
+from rths_cli.experiment.design import is_driven
 from rths_cli.experiment.tangent_verdicts import ASSUMPTIONS, range_assumption
 from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.identification.results import LEAST_HELD_OUT
@@ -45,13 +45,13 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
     ]
     if setup.building.has_laws:
         found.append(ASSUMPTIONS)
-    if told := range_assumption(setup.case):
+    if design is not None and (told := range_assumption(setup.case, design.blocks.counters_reaction)):
         found.append(told)
     if "numerical" in setup.parts:
         found.append(_of_own_storeys(setup))
     if design is not None:
         found += [*slower_feedback(setup, design), *chosen_feedback(design), *chosen_filter(design)]
-        found += friction_not_countered(setup, design, identified)
+        found += [*friction_not_countered(setup, design, identified), *reaction_not_countered(design)]
     if identified is not None:
         found += identified.warnings
     return tuple(dict.fromkeys(found))
@@ -165,7 +165,8 @@ def chosen_filter(design: Design) -> list[str]:
 
 def friction_not_countered(setup: Setup, design: Design, identified: Identification | None) -> list[str]:
     """Return a sentence if friction compensation was asked for and the identification does not show that it helps."""
-    if not counters_friction(setup.case) or design.blocks.friction_compensation is not None:
+    asked = is_driven(setup.case) and setup.case.controller.friction_compensation is True
+    if not asked or design.blocks.friction_compensation is not None:
         return []
     friction = identified.friction if identified is not None else None
     if friction is None or friction.held_out is None:
@@ -176,6 +177,13 @@ def friction_not_countered(setup: Setup, design: Design, identified: Identificat
             f"low-level record, {LEAST_HELD_OUT:.0%} are needed"
         )
     return [f"controller.friction_compensation is off: {shown}"]
+
+
+def reaction_not_countered(design: Design) -> list[str]:
+    """Return a sentence if the reaction of a changed specimen is not countered for a reason that is worth knowing."""
+    if not design.reaction_left:
+        return []
+    return [f"controller.reaction_feedforward: automatic leaves it off: {design.reaction_left}"]
 
 
 def differences(setup: Setup, identified: Identification) -> list[str]:

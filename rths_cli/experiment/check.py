@@ -30,7 +30,7 @@ from rths_cli.experiment.loop_stability_of_case import loop_parts, loop_stabilit
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.setup import motion_key
 from rths_cli.experiment.simulated_test import Replayed, simulated_test
-from rths_cli.experiment.tangent_verdicts import faults_at_tangents, tangent_verdicts
+from rths_cli.experiment.tangent_verdicts import faults_at_tangents, stated_ends, tangent_verdicts
 from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.structure import Building, assemble, modes
@@ -116,7 +116,7 @@ def _judge_sample(setup: Setup, sample: Identification, design: Design, shared: 
 def _judge_one(setup: Setup, identified: Identification, design: Design, shared: SharedValues) -> Judged:
     """Check a case's hybrid test on one member of the identified model, without its samples."""
     setup = setup.calibrated(identified)
-    dt, whole, as_designed = setup.rig.dt_s, _with_laws(setup, identified, design), design
+    dt, whole, as_designed = setup.rig.dt_s, with_laws(setup, identified, design), design
     design = replace(design, blocks=design.blocks.linearised())
     building = at_rest(whole)
     rig, storeys = loop_parts(setup, identified)
@@ -129,7 +129,8 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
     rows = preflight.reach(known, prediction, setup.rig, masses)
     stable = prediction if found.radius < 1.0 else None
-    tangents = tangent_verdicts(setup, identified, design.blocks, whole, shared)
+    ends = stated_ends(setup.case, design.blocks.counters_reaction)
+    tangents = tangent_verdicts(setup, identified, design.blocks, whole, shared, ends)
     further = (*preflight.unseen(known), *faults_at_tangents(tangents))
     simulated, replay = None, None
     if stable is not None and whole.has_laws:
@@ -220,7 +221,7 @@ def _declared_wrong(setup: Setup, whole: Building, known: Known, shared: SharedV
     return np.asarray(found["sim_delay.rms_error_m_s2"])
 
 
-def _with_laws(setup: Setup, identified: Identification, design: Design) -> Building:
+def with_laws(setup: Setup, identified: Identification, design: Design) -> Building:
     """Return the building as identified, with the laws of its computed storeys where the step has them."""
     building = as_identified(setup, _specimen(identified))
     known = isinstance(design.blocks.numerical, StoreysWithLaws)

@@ -13,10 +13,9 @@ from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment import result_contents
 from rths_cli.experiment.case_warnings import of_case
-from rths_cli.experiment.check import judge
 from rths_cli.experiment.check_metrics import check_figures
 from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.filter_choice import choose_filter
+from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
@@ -126,21 +125,18 @@ def verdict_on(
 
 def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, shared: SharedValues | None) -> Verdict:
     """Return the verdict without doubts on units."""
-    faults = known.faults(setup.overrides)
+    faults, shared = known.faults(setup.overrides), shared or SharedValues()
     try:
         design = design or interruptible(lambda: design_blocks(setup, known.found, shared))
     except InputError as error:
         return Verdict(UNSAFE, faults or error.faults, None, {})
+    designed = design
     if not hybrid:
-        return Verdict("", faults, design, {})
-    chosen = design
+        return Verdict("", faults, designed.without_reaction(), {})
     try:
-        judged = interruptible(lambda: judge(setup, known.found, chosen, shared))
-        design, judged = interruptible(
-            lambda: choose_filter(setup, known.found, chosen, judged, shared or SharedValues())
-        )
+        design, judged = interruptible(lambda: choose_design(setup, known.found, designed, shared))
     except InputError as error:
-        return Verdict(UNSAFE, faults or error.faults, design, {})
+        return Verdict(UNSAFE, faults or error.faults, designed.without_reaction(), {})
     found = judged.preflight
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
     tangents = tuple(one.name for one in judged.tangents)
@@ -212,7 +208,7 @@ def loop_of(case: Case, progress: Progress) -> Block:
     """
     memory, setup = Memory(Cache()), make_setups([case], ())[0]
     known = memory.at_rest(setup, progress)
-    design = interruptible(lambda: design_blocks(setup, known.found))
+    design = interruptible(lambda: choose_design(setup, known.found, design_blocks(setup, known.found))[0])
     return open_loop(loop_parts(setup, known.found)[0], design.blocks)
 
 

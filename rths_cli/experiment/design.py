@@ -22,13 +22,13 @@ from rths_cli.control.interface import Interface
 from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.errors import InputError
 from rths_cli.experiment.feedback_choice import choose_feedback
-from rths_cli.experiment.loop_stability_of_case import counters_friction, counters_reaction, loop_faults
+from rths_cli.experiment.loop_stability_of_case import loop_faults
 from rths_cli.experiment.own_parts import NUMERICAL, made
 from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
     from rths_cli.analysis.stability_check import Fault
-    from rths_cli.case.case_schema import KalmanSpec
+    from rths_cli.case.case_schema import Case, KalmanSpec
     from rths_cli.control.interface import InterfaceForce
     from rths_cli.experiment.feedback_choice import Chosen
     from rths_cli.experiment.setup import Setup
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from rths_cli.numerics.lti import Block, Model
     from rths_cli.rigs.description import RigInfo
     from rths_cli.structure import Specimen
+
+
+NOT_SHOWN = "the identified table does not show how the specimen's reaction moves it"
 
 
 @dataclass(frozen=True)
@@ -48,12 +51,21 @@ class Design:
     shear_now: InterfaceForce  # weights of the base shear at the instant of the samples, without prediction
     chosen: Chosen | None = None  # weights chosen instead of the default ones; None: default or stated weights
     chosen_filter: KalmanSpec | None = None  # chosen instead of the usual filter; None: usual or stated
+    # blocks that do not counter the specimen's reaction, for the check to choose (design_choice.py); None: no choice
+    plain: Blocks | None = None
+    reaction_left: str = ""  # why `automatic` does not counter the reaction, "" if it does or nobody need know
+
+    def without_reaction(self, why: str = "") -> Design:
+        """Return the design that does not counter the specimen's reaction where that is left to the check."""
+        return self if self.plain is None else replace(self, blocks=self.plain, plain=None, reaction_left=why)
 
 
 def design_blocks(setup: Setup, identified: Identification, shared: SharedValues | None = None) -> Design:
     """Return the blocks for the case's method and controller; raises InputError if no controller exists.
 
-    They are designed from the nominal model; the check judges them on its samples too.
+    They are designed from the nominal model; the check judges them on its samples too. With an automatic
+    `controller.reaction_feedforward` they counter the specimen's reaction where the table shows its compliance, and
+    `plain` holds those without, for which the feedback is chosen.
     With `shared`, cases with the same model and weights design the feedback once, whatever their building.
     """
     setup = setup.calibrated(identified)
@@ -67,7 +79,7 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
         correction=sensor_correction.correction(setup.rig.channels, dt, setup.removes_sensors),
         estimator=_estimator(setup, _specimen(identified), lead),
         numerical=computed_storeys(setup.building, dt, case.integration),
-        feedforward=_feedforward(setup, identified, model, lead),
+        feedforward=_inverse(setup, model, lead),
         feedback=feedback.none(dt),
         interface=Interface(shear),
         shaping_step_v=setup.rig.converters.step_v if best else 0.0,
@@ -82,24 +94,47 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
     )
     blocks = replace(blocks, cell=_cell(setup, blocks.estimator, lead))
     shear_now = _shear(setup, identified, 0, residual=0.0)
+    asked = is_driven(case) and case.controller.reaction_feedforward is True
+    if asked:
+        blocks = _with_reaction(blocks, setup, identified, model)
+
+    def finished(design: Design) -> Design:
+        """Return the design with what its feedforward counters and with the caller's parts."""
+        plain = _exchanged(_with_friction(design.blocks, setup, identified, model, lead), setup)
+        automatic = is_driven(case) and case.controller.reaction_feedforward == "automatic"
+        if not automatic or "feedforward" in setup.parts:
+            return replace(design, blocks=plain)
+        try:
+            both = _with_reaction(design.blocks, setup, identified, model)
+        except InputError:
+            return replace(design, blocks=plain, reaction_left=NOT_SHOWN)
+        counters = _with_friction(both, setup, identified, model, lead).feedforward
+        return replace(design, blocks=replace(plain, feedforward=counters, counters_reaction=True), plain=plain)
+
     if case.controller.kind != "FF+FB":
-        return Design(_exchanged(blocks, setup), model, None, shear_now)
+        return finished(Design(blocks, model, None, shear_now))
 
     def faults(with_it: feedback.Feedback) -> list[Fault]:
         return loop_faults(setup, identified, replace(blocks, feedback=with_it.block), shared)
 
     designed, chosen = choose_feedback(setup, identified, model, faults, shared)
-    return Design(_exchanged(replace(blocks, feedback=designed.block), setup), model, designed, shear_now, chosen)
+    return finished(Design(replace(blocks, feedback=designed.block), model, designed, shear_now, chosen))
+
+
+def is_driven(case: Case) -> bool:
+    """Tell whether a case has the feedforward of method best, which may counter reaction and friction."""
+    return case.method == "best" and case.controller.kind != "none"
 
 
 def _exchanged(blocks: Blocks, setup: Setup) -> Blocks:
     """Return the blocks with the parts that the caller puts in the place of designed ones."""
-    if "feedforward" in setup.parts and counters_reaction(setup.case):
+    asked = setup.case.controller if is_driven(setup.case) and "feedforward" in setup.parts else None
+    if asked is not None and asked.reaction_feedforward is True:
         raise InputError(
             "controller.reaction_feedforward: it belongs to the designed feedforward, and parts has another; remove "
             "the key"
         )
-    if "feedforward" in setup.parts and counters_friction(setup.case):
+    if asked is not None and asked.friction_compensation is True:
         raise InputError(
             "controller.friction_compensation: it belongs to the designed feedforward, and parts has another; remove "
             "the key"
@@ -117,33 +152,43 @@ def _specimen(identified: Identification) -> Specimen:
     return identified.specimen.specimen
 
 
-def _feedforward(
-    setup: Setup, identified: Identification, model: Model, lead: int
-) -> Block | friction_compensation.FrictionFeedforward:
-    """Return the feedforward; it counters friction where the case asks for it and the identification shows it helps."""
-    block, friction = _linear_feedforward(setup, identified, model, lead), identified.friction
-    if not counters_friction(setup.case) or friction is None or not friction.shown:
-        return block
+def _with_friction(blocks: Blocks, setup: Setup, identified: Identification, model: Model, lead: int) -> Blocks:
+    """Return blocks whose feedforward counters friction where the case lets it and the identification shows it helps.
+
+    `automatic` leaves it off where the rig is sent a preview of the commands: that needs a linear step.
+    """
+    asked, friction = setup.case.controller.friction_compensation, identified.friction
+    if not asked or not is_driven(setup.case) or friction is None or not friction.shown:
+        return blocks
+    if asked is not True and ("feedforward" in setup.parts or setup.rig.previews):
+        return blocks
     delay_s, dt_s = model.delay_s, setup.rig.dt_s
     lag_s = reaction.force_lag_s(model, _specimen(identified))
     lead_s = friction_compensation.compensation_lead_s(delay_s, lag_s, lead, dt_s)
-    return friction_compensation.FrictionFeedforward(
-        block, friction.command_v, friction.scale_m_s, friction.linear_s_per_m, lead_s, friction.left
-    )
+    counters = friction_compensation.FrictionFeedforward(
+        blocks.feedforward.linearised(), friction.command_v, friction.scale_m_s, friction.linear_s_per_m, lead_s,
+        friction.left,
+    )  # fmt: skip
+    return replace(blocks, feedforward=counters)
 
 
-def _linear_feedforward(setup: Setup, identified: Identification, model: Model, lead: int) -> Block:
+def _with_reaction(blocks: Blocks, setup: Setup, identified: Identification, model: Model) -> Blocks:
+    """Return blocks whose feedforward counters the specimen's reaction; raises InputError if the table does not show
+    its compliance."""
+    specimen = _specimen(identified)
+    table = reaction.compliance(model, specimen)
+    counter = reaction.reaction_block(specimen, table, model.delay_s, setup.case.kalman.residual_hz, setup.rig.dt_s)
+    both = reaction.with_reaction(blocks.feedforward.linearised(), counter)
+    return replace(blocks, feedforward=both, counters_reaction=True)
+
+
+def _inverse(setup: Setup, model: Model, lead: int) -> Block:
     case, dt_s = setup.case, setup.rig.dt_s
     if case.controller.kind == "none":
         return feedforward.direct(model.low_frequency_gain_m_per_v, dt_s)
     if case.method == "paper":
         return feedforward.leaky_inverse(model, dt_s)
-    inverse, specimen = feedforward.lagged_inverse(model, dt_s, lead), _specimen(identified)
-    if not case.controller.reaction_feedforward:
-        return inverse
-    table = reaction.compliance(model, specimen)
-    counter = reaction.reaction_block(specimen, table, model.delay_s, case.kalman.residual_hz, dt_s)
-    return reaction.with_reaction(inverse, counter)
+    return feedforward.lagged_inverse(model, dt_s, lead)
 
 
 def _command_limit_v(rig: RigInfo) -> float:

@@ -16,7 +16,6 @@ from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
     from rths_cli.analysis.identified_rig_block import IdentifiedRig
-    from rths_cli.case.case_schema import Case
     from rths_cli.control.designed_blocks import Blocks
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
@@ -25,28 +24,18 @@ if TYPE_CHECKING:
     from rths_cli.structure import Specimen
 
 
-def counters_reaction(case: Case) -> bool:
-    """Tell whether a case's feedforward counters a reaction of the specimen that was not identified."""
-    driven = case.method == "best" and case.controller.kind != "none"
-    return driven and case.controller.reaction_feedforward
-
-
-def counters_friction(case: Case) -> bool:
-    """Tell whether a case's feedforward is to counter the table's dry friction."""
-    driven = case.method == "best" and case.controller.kind != "none"
-    return driven and case.controller.friction_compensation
-
-
-def loop_parts(setup: Setup, identified: Identification, there: Specimen | None = None) -> tuple[IdentifiedRig, Block]:
+def loop_parts(
+    setup: Setup, identified: Identification, there: Specimen | None = None, counters_reaction: bool = False
+) -> tuple[IdentifiedRig, Block]:
     """Return the parts of a case's loop that are not designed: the identified rig, and all numerical storeys.
 
-    `there`: the specimen that stands on the table instead of the identified one. With a feedforward of the reaction the
-    table moves as the other reaction makes it; without, its response stays as identified.
+    `there`: the specimen that stands on the table instead of the identified one. If the feedforward `counters_reaction`
+    the table moves as the other reaction makes it; otherwise its response stays as identified.
     """
     assert identified.specimen is not None  # every case has experimental storeys
     setup = setup.calibrated(identified)
     specimen, model, compared = identified.specimen.specimen, identified.best, setup.compared
-    judged = specimen if there is None or counters_reaction(setup.case) else there
+    judged = specimen if there is None or counters_reaction else there
     rig = identified_rig(model, judged, setup.rig, setup.removes_sensors, compared)
     if there is not None and judged is specimen:
         table = compliance(model, specimen)
@@ -65,7 +54,7 @@ def loop_stability(
 
     `there` as in `loop_parts`.
     """
-    rig, storeys = loop_parts(setup, identified, there)
+    rig, storeys = loop_parts(setup, identified, there, blocks.counters_reaction)
     blocks, samples = blocks.linearised(), len(setup.motion.time_s)
     asked = content_key(rig, blocks, storeys, identified.best, identified.frfs[0], identified.levels, setup.compared)
     found = (shared or SharedValues()).get(

@@ -228,6 +228,8 @@ def design_figures(setup: Setup, identified: Identification, design: Design) -> 
     assert fit is not None  # every case has experimental storeys
     values: dict[str, ArrayLike] = {
         "controller.rounding_step_v": design.blocks.shaping_step_v,
+        "controller.reaction_feedforward": float(design.blocks.counters_reaction),
+        "controller.friction_compensation": float(design.blocks.friction_compensation is not None),
         "identification.fit_error_rms": error.rms,
         "identification.fit_error_mid": error.rms_mid,
         "identification.fit_error_max": error.largest,

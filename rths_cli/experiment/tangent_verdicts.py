@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from rths_cli.analysis import stability_check as preflight
 from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.control.numerical_substructure import interface
-from rths_cli.experiment.loop_stability_of_case import counters_reaction, loop_faults, loop_stability
+from rths_cli.experiment.loop_stability_of_case import loop_faults, loop_stability
 from rths_cli.structure.tangents import Tangent, at_rest, at_tangents, with_specimen
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ REACTION_ASSUMPTIONS = (
     "the identified one), with a table that moves as the changed reaction makes it; a specimen that changes in the "
     "test is not simulated"
 )
-REACTION_RANGE = 0.5, 1.0  # of a case with a feedforward of the reaction that states no specimen_range
+REACTION_RANGE = 0.5, 1.0  # judged with a feedforward of the reaction if the case states no specimen_range
 TANGENT = "tangent "  # begins the cause of each reason
 
 
@@ -54,23 +54,29 @@ class TangentVerdict:
     faults: tuple[preflight.Fault, ...]  # why it is not safe
 
 
-def range_assumption(case: Case) -> str:
+def range_assumption(case: Case, counters_reaction: bool) -> str:
     """Return how a specimen with a range of stiffness is judged, "" without a range."""
-    ends = _ends(case)
+    ends = stated_ends(case, counters_reaction)
     if ends is None:
         return ""
-    return REACTION_ASSUMPTIONS.format(*ends) if counters_reaction(case) else RANGE_ASSUMPTIONS
+    return REACTION_ASSUMPTIONS.format(*ends) if counters_reaction else RANGE_ASSUMPTIONS
 
 
 def tangent_verdicts(
-    setup: Setup, identified: Identification, blocks: Blocks, building: Building, shared: SharedValues
+    setup: Setup,
+    identified: Identification,
+    blocks: Blocks,
+    building: Building,
+    shared: SharedValues,
+    ends: tuple[float, ...] | None = None,
 ) -> tuple[TangentVerdict, ...]:
     """Return the verdicts at rest and at all tangents, () for a linear building whose specimen has no range.
 
-    `blocks` are linear, those of the storeys at rest; `building` is as identified, with its laws. The table's response
-    and the blocks of the control stay as identified and designed.
+    `blocks` are linear, those of the storeys at rest; `building` is as identified, with its laws; `ends` those of the
+    specimen's stiffness, over the identified one. The table's response and the blocks of the control stay as identified
+    and designed.
     """
-    frozen = _frozen(setup, building)
+    frozen = _frozen(building, ends)
     if len(frozen) < 2:
         return ()
     return tuple(_verdict(setup, identified, blocks, one, shared) for one in frozen)
@@ -91,11 +97,10 @@ def faults_at_tangents(verdicts: tuple[TangentVerdict, ...]) -> tuple[preflight.
     return tuple(told)
 
 
-def _frozen(setup: Setup, building: Building) -> list[Tangent]:
+def _frozen(building: Building, ends: tuple[float, ...] | None) -> list[Tangent]:
     """Return the linear buildings to judge, the one at rest first."""
     rest = Tangent(AT_REST, at_rest(building))
     frozen = [rest, *at_tangents(building, SOFTEST)]
-    ends = _ends(setup.case)
     if ends is None:
         return frozen
     together = [one for one in frozen if one.name.startswith("all")] or frozen[1:]
@@ -108,10 +113,12 @@ def _frozen(setup: Setup, building: Building) -> list[Tangent]:
     return found
 
 
-def _ends(case: Case) -> tuple[float, ...] | None:
-    """Return the stated ends of the specimen's stiffness, or those of a case that counters its reaction."""
+def stated_ends(case: Case, counters_reaction: bool) -> tuple[float, ...] | None:
+    """Return the stated ends of the specimen's stiffness, or those of a case that asks for its reaction to be
+    countered. Where that is automatic, `design_choice` judges them."""
     stated = case.check.specimen_range if case.check is not None else None
-    return REACTION_RANGE if stated is None and counters_reaction(case) else stated
+    asked = counters_reaction and case.controller.reaction_feedforward is True
+    return REACTION_RANGE if stated is None and asked else stated
 
 
 def _verdict(

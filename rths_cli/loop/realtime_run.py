@@ -98,8 +98,7 @@ def prepare(
     check_commands(info, blocks)
     orders = np.zeros(1, dtype=np.int64) if orders is None else orders
     zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
-    told = info.can.takes_trajectories and info.overrun == "skip" and blocks.linear
-    foresight = foresight_of(blocks, source, info.dt_s) if told else no_foresight(channels)
+    foresight = foresight_of(blocks, source, info.dt_s) if info.previews and blocks.linear else no_foresight(channels)
     planned = course(info, ramp_s, len(drive), zeros_v, orders, foresight, still_s)
     limits = without_zeros(limits, zeros_v)
     end = round(way_to_rest_s(limits) / info.dt_s) + planned.rest

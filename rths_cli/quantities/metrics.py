@@ -377,6 +377,11 @@ def _of_loop() -> Iterator[Quantity]:
     instead = "chosen where noise and rounding of the samples would be most of the error"
     yield Quantity("controller.chosen_kalman_q", "1", "", NONE, f"q with the stated r, {instead}")
     yield Quantity("controller.chosen_kalman_residual_hz", "Hz", "", NONE, f"residual_hz, {instead}")
+    countered = "1: the command counters {}; 0: it does not"
+    reaction = countered.format("what a changed specimen does to the table")
+    yield Quantity("controller.reaction_feedforward", "1", "", NONE, reaction)
+    friction = countered.format("the table's dry friction")
+    yield Quantity("controller.friction_compensation", "1", "", NONE, friction)
     step = "bit to which commands are rounded, the error carried over (0: not)"
     yield Quantity("controller.rounding_step_v", "V", "", NONE, step)
     yield Quantity("latency.frequency_hz", "Hz", "frequency", NONE, "frequencies of the latency budget")

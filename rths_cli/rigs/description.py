@@ -154,6 +154,11 @@ class RigInfo:
         return (*self.channels, *self.further)
 
     @property
+    def previews(self) -> bool:
+        """Return whether the rig goes on by a preview of the commands when one is late; the step must be linear."""
+        return self.can.takes_trajectories and self.overrun == "skip"
+
+    @property
     def calibrates(self) -> bool:
         """Return whether sensors or masses may differ from what is declared, so that an identification looks for it."""
         return self.uncertainty.any or any(channel.uncertainty > 0.0 for channel in self.channels)

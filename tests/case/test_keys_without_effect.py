@@ -45,6 +45,17 @@ def test_a_key_that_is_read_is_not_named() -> None:
     assert sentence(case("runs=[exp-rths]", "delay_s=0.006")) == ""  # the check of EXP-RTHS has a SIM-DELAY
 
 
+def test_a_key_that_leaves_the_choice_to_the_program_asks_for_nothing() -> None:
+    automatic = "controller={kind: FF, reaction_feedforward: automatic, friction_compensation: automatic}"
+    assert (
+        sentence(case("method=paper", automatic)) == "" == sentence(case("controller=none", "session_record=automatic"))
+    )
+    stated = sentence(
+        case("method=paper", automatic.replace("reaction_feedforward: automatic", "reaction_feedforward: true"))
+    )
+    assert "reaction_feedforward (only a feedforward of method best" in stated and "friction" not in stated
+
+
 def test_only_stated_keys_are_judged() -> None:
     one = case("runs=[sim]")
     assert "kalman" not in sentence(one) and "scaling" in one.stated and "delay_s" not in one.stated

@@ -23,7 +23,7 @@ from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.one_table_run import HYBRID_TEST, plan_run, play_run, run_of
 from rths_cli.experiment.run_case import sim_of
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.tangent_verdicts import TangentVerdict, faults_at_tangents, tangent_verdicts
+from rths_cli.experiment.tangent_verdicts import TangentVerdict, faults_at_tangents, stated_ends, tangent_verdicts
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.structure import storey_values
@@ -33,15 +33,19 @@ BILINEAR = f"{{kind: bilinear, yield_displacement_m: 0.002, hardening: {HARDENIN
 NEVER = "{kind: elastic_gap, contact_n_per_m: 5e6, gap_m: 1.0}"  # touched by no record, not safe if it were
 
 
+PLAIN = "controller={kind: FF+FB, reaction_feedforward: false, friction_compensation: false}"
+
+
 def setup_of(*settings: str, law: str = "") -> Setup:
     laws = (f"structure.numerical.law=[{law}]",) if law else ()
-    return make_setup(load_cases(["el_centro_low_ff_fb"], (*laws, *settings))[0])
+    return make_setup(load_cases(["el_centro_low_ff_fb"], (*laws, PLAIN, *settings))[0])
 
 
 def tangents_of(setup: Setup, identified: Identification) -> tuple[TangentVerdict, ...]:
     building = replace(as_identified(setup, identified.specimen.specimen), laws=setup.building.laws)
     blocks = design_blocks(setup, identified).blocks.linearised()
-    return tangent_verdicts(setup, identified, blocks, building, SharedValues())
+    ends = stated_ends(setup.case, blocks.counters_reaction)
+    return tangent_verdicts(setup, identified, blocks, building, SharedValues(), ends)
 
 
 def judged(setup: Setup, identified: Identification) -> Judged:

@@ -28,7 +28,8 @@ def test_what_was_switched_on_is_named_first(name: str, memory: Memory) -> None:
 
 @pytest.fixture(scope="module")
 def one_gain(memory: Memory) -> Named:
-    return named_causes(CAUSES["gain of floor_2 +0.5 %"], memory)
+    plain = "controller.reaction_feedforward=false", "controller.friction_compensation=false"
+    return named_causes(CAUSES["gain of floor_2 +0.5 %"], memory, *plain)
 
 
 def test_a_gain_is_named_alone_with_its_size(one_gain: Named) -> None:

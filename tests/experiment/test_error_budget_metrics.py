@@ -25,10 +25,11 @@ from rths_cli.structure import Building, Specimen, assemble
 
 CASE = "el_centro_low_ff_fb"
 CHANGED = "table.after_identification."
+PLAIN = "controller={kind: FF+FB, reaction_feedforward: false, friction_compensation: false}"  # friction is a cause
 
 
 def setup_with(*settings: str) -> Setup:
-    return make_setup(load_cases([CASE], settings)[0])
+    return make_setup(load_cases([CASE], (PLAIN, *settings))[0])
 
 
 def budget_of(

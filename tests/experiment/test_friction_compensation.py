@@ -63,7 +63,27 @@ def test_the_low_level_record_decides(default_identification: Identification) ->
         assert "is off" in sentence and told in sentence.replace("%", " %").replace("  ", " ")
     on = design_blocks(setup_of(ON), with_held_out(default_identification, 0.51))
     assert on.blocks.friction_compensation is not None
-    assert design_blocks(setup_of(), default_identification).blocks.friction_compensation is None
+    off = setup_of("controller={kind: FF+FB, friction_compensation: false}")
+    assert design_blocks(off, default_identification).blocks.friction_compensation is None
+
+
+def test_automatic_is_on_where_it_is_shown_and_says_nothing_where_it_is_not(
+    default_identification: Identification,
+) -> None:
+    """A rig that is sent a preview of the commands keeps it: that needs a step without friction's part."""
+    setup, found = setup_of(), default_identification
+    assert setup.case.controller.friction_compensation == "automatic"
+    on = design_blocks(setup_of(ON), found).blocks.friction_compensation
+    assert on is not None and design_blocks(setup, found).blocks.friction_compensation is not None
+    less = with_held_out(found, 0.49)
+    design = design_blocks(setup, less)
+    assert design.blocks.friction_compensation is None
+    assert not [one for one in of_case(setup, less, design) if "friction_compensation" in one]
+    for overrun, kept in (("skip", False), ("hold", True)):
+        rig = replace(setup.rig, kind="udp", overrun=overrun)
+        linked = design_blocks(replace(setup, rig=rig), found).blocks
+        assert rig.previews is not kept and (linked.friction_compensation is not None) is kept
+        assert linked.counters_reaction
 
 
 def test_another_feedforward_is_refused(default_identification: Identification) -> None:

@@ -19,14 +19,15 @@ from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.tangent_verdicts import tangent_verdicts
+from rths_cli.experiment.tangent_verdicts import stated_ends, tangent_verdicts
 from rths_cli.files.result_reader import read_result
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.structure.tangents import at_rest
 
-ON = "controller={kind: FF+FB, reaction_feedforward: true}"
+ON = "controller={kind: FF+FB, reaction_feedforward: true, friction_compensation: false}"
+OFF = "controller={kind: FF+FB, reaction_feedforward: false, friction_compensation: false}"
 DAMAGE = "table.after_identification.specimen_stiffness_factor"
 
 
@@ -48,7 +49,7 @@ def test_a_damaged_specimen_costs_a_quarter_of_the_error(tmp_path: Path, memory:
 
 
 def test_a_specimen_as_identified_costs_nothing(tmp_path: Path, memory: Memory) -> None:
-    with_it, without = (ratio(tmp_path / f"{len(on)}.h5", memory, *on) for on in ((ON,), ()))
+    with_it, without = (ratio(tmp_path / f"{place}.h5", memory, key) for place, key in enumerate((ON, OFF)))
     assert (with_it < 1.05 * without).all()
 
 
@@ -65,11 +66,12 @@ def test_the_check_judges_it_at_both_ends(default_identification: Identification
     """On a table that moves as the changed reaction makes it. The ends are a half and one, or those that are stated."""
     for stated, factors in ((), (0.5,)), (("check.specimen_range=[0.7, 1.2]",), (0.7, 1.2)):
         setup = setup_of(ON, *stated)
-        blocks, building = design_blocks(setup, default_identification).blocks, at_rest(setup.building)
-        verdicts = tangent_verdicts(setup, default_identification, blocks, building, SharedValues())
+        design, building = design_blocks(setup, default_identification), at_rest(setup.building)
+        blocks, ends = design.blocks, stated_ends(setup.case, design.blocks.counters_reaction)
+        verdicts = tangent_verdicts(setup, default_identification, blocks, building, SharedValues(), ends)
         names = [f"specimen at {100 * factor:.3g} % of its stiffness, at rest" for factor in factors]
         assert [one.name for one in verdicts] == ["at rest", *names]
-        assert "moves as the changed reaction makes it" in " ".join(of_case(setup, default_identification, None))
+        assert "moves as the changed reaction makes it" in " ".join(of_case(setup, default_identification, design))
         assert all(0.99 < one.stability.radius < 1.0 for one in verdicts)
 
 
@@ -78,7 +80,7 @@ def test_the_table_of_the_check_moves_as_the_reaction_makes_it(default_identific
     assert identified.specimen is not None
     specimen = identified.specimen.specimen
     there = replace(specimen, K=0.7 * specimen.K)
-    rig, _ = loop_parts(setup, identified, there)
+    rig, _ = loop_parts(setup, identified, there, counters_reaction=True)
     stays = identified_rig(identified.best, there, setup.rig, setup.removes_sensors)
     frequency = np.array([2.68, 3.2])  # of the specimen on a fixed base, now and as identified
     moved, before = (each.plant.response(frequency)[:, 0] for each in (rig, stays))

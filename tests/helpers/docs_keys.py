@@ -161,7 +161,7 @@ def _one_type(part: Schema, definitions: Schema) -> tuple[str, str]:
     if "anyOf" in part or "oneOf" in part:
         return _type(part, definitions)
     if "const" in part or "enum" in part:
-        values = part.get("enum", [part.get("const")])
+        values = [f"{one}".lower() if isinstance(one, bool) else one for one in part.get("enum", [part.get("const")])]
         return ("", f"{values[0]}") if values == [0] else (", ".join(f"`{value}`" for value in values), "")
     if "$ref" in part:
         return "mapping", ""

@@ -309,7 +309,7 @@ def test_points_that_share_most_are_made_one_after_the_other(folder: Path) -> No
 
 
 def test_a_run_that_a_limit_stops_is_a_row_too(folder: Path, tmp_path: Path) -> None:
-    done = swept(asked(folder, "scaling=3.2", seeds="1"), tmp_path / "s.h5", overrides=("check",))
+    done = swept(asked(folder, "scaling=3.3", seeds="1"), tmp_path / "s.h5", overrides=("check",))
     assert done.exit_code == 3 and done.sweep.texts["status"] == ("aborted",)
     assert "velocity (estimated from the command) beyond its limit" in done.sweep.texts["reason"][0]
     assert np.isnan(done.sweep.figures["exp_rths.tracking_rms_m_s2"].values).all()

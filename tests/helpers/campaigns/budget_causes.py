@@ -72,9 +72,12 @@ class Named:
     causes: tuple[Cause, ...]
 
 
-def named_causes(switched: Switched, memory: Memory) -> Named:
-    """Play the run and return what the budget names; raises InputError where the case cannot be run."""
-    identified, played = (_setup(switched.settings if on else ()) for on in (switched.before, True))
+def named_causes(switched: Switched, memory: Memory, *always: str) -> Named:
+    """Play the run and return what the budget names; raises InputError where the case cannot be run.
+
+    `always`: further settings, of the identification too.
+    """
+    identified, played = (_setup((*always, *(switched.settings if on else ()))) for on in (switched.before, True))
     known = memory.known(identified, lambda _: None)
     identified = identified.calibrated(known.found)
     checked = verdict_on(identified, known)

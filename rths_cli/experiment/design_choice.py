@@ -32,6 +32,7 @@ from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
     from rths_cli.analysis.predicted_error import Prediction
+    from rths_cli.analysis.stability_check import Fault
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
 
@@ -68,7 +69,8 @@ def _countered(
     Without stated ends of the specimen's stiffness the loop is judged at those of REACTION_RANGE, with every sample of
     the model.
     """
-    blocks, faults = design.blocks.linearised(), []
+    blocks = design.blocks.linearised()
+    faults: list[Fault] = []
     try:
         judged = judge(setup, identified, design, shared)
         if stated_ends(setup.case, blocks.counters_reaction) is None:

@@ -83,9 +83,9 @@ def test_eight_channels_behind_udp(tmp_path: Path) -> None:
         "extends": "udp_loopback", "channels": FIVE_AS_KEYS, "watchdog_s": 2.0,
         "udp": {"host": "127.0.0.1", "port": running.port, "key_file": "key"}, "limits": {"lost_samples": 200},
     }  # fmt: skip
-    Path("runner.yaml").write_text(yaml.safe_dump(runner))
+    Path("doctor_over_udp.yaml").write_text(yaml.safe_dump(runner))
     try:
-        found = channels_request(DoctorRequest(None, "runner.yaml", (), 1.0, (RATE,)), True, push, say)
+        found = channels_request(DoctorRequest(None, "doctor_over_udp.yaml", (), 1.0, (RATE,)), True, push, say)
     finally:
         running.end()
     assert found.exit_code == 0, channels_page(found)

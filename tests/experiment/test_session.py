@@ -22,6 +22,7 @@ from rths_cli.files.result_reader import read_result
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import SessionChange
 from rths_cli.rigs.from_case import true_values_of_run
+from rths_cli.studies import sweep_runs
 from rths_cli.studies.sweep_runs import Shared, play_variant
 from rths_cli.studies.sweep_table import flat, kept_columns
 
@@ -168,7 +169,7 @@ def test_a_row_of_a_sweep_has_the_metrics_of_the_run(
 ) -> None:
     """Drift of the channels is taken off in both, and the row of another seed is in the session of the sweep's case."""
     setup, memory, path, _ = laboratory
-    monkeypatch.setattr(Shared, "_memory", lambda *_: memory)
+    monkeypatch.setattr(sweep_runs, "Memory", lambda *_: memory)
     kept, ready = kept_columns(None, None), Shared(("check", "model"), lambda _: None).ready(setup.case)
     row = play_variant(ready, 0, setup.case.seed, kept, 3)
     assert row.figures == pytest.approx(flat(kept, 3, read_result(path).metrics), rel=1e-9, abs=0.0, nan_ok=True)

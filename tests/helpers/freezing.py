@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from ideal_table import storeys_of
-from stalling import MEMORY, Laboratory, logged
+from stalling import MEMORY, PREVIEWED, Laboratory, logged
 
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.case.load import load_cases
@@ -163,7 +163,7 @@ class Freezing:
 
 def freezing_of(record: int, rate_hz: int, case: str = "el_centro_low_ff_fb", *settings: str) -> Freezing:
     """Return a case to be played for so many samples; the rig is identified."""
-    setup = make_setup(load_cases([case], (f"sample_rate_hz={rate_hz}", *settings))[0])
+    setup = make_setup(load_cases([case], (f"sample_rate_hz={rate_hz}", PREVIEWED, *settings))[0])
     design = design_blocks(setup, MEMORY.identify(setup, lambda _: None))
     served = describe("aps400_virtual", "three_storey", (f"sample_rate_hz={rate_hz}", *settings), 0)
     return Freezing(setup, design, served, record)

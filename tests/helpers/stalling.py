@@ -36,6 +36,7 @@ from rths_cli.rigs.udp.handshake import open_greeter
 from rths_cli.rigs.udp.late_command_trajectory import Way, fresh_way
 
 INTERVAL_NS = 1_000_000
+PREVIEWED = "controller={kind: FF+FB, friction_compensation: false}"  # as `automatic` decides on such a rig
 MEMORY = Memory()  # the rig of each rate is identified once for all laboratories
 
 
@@ -128,7 +129,7 @@ class Laboratory:
 
 def laboratory_of(record: int) -> Laboratory:
     """Return the laboratory of the example case with a record of so many ms; the rig is identified."""
-    setup = make_setup(load_cases(["el_centro_low_ff_fb"], ("sample_rate_hz=1000",))[0])
+    setup = make_setup(load_cases(["el_centro_low_ff_fb"], ("sample_rate_hz=1000", PREVIEWED))[0])
     design = design_blocks(setup, MEMORY.identify(setup, lambda _: None))
     served = describe("aps400_virtual", "three_storey", ("sample_rate_hz=1000",), 0)
     return Laboratory(setup, design, served, record)

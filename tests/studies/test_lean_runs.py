@@ -61,7 +61,7 @@ def test_a_lean_run_has_the_signals_of_a_full_one(plan: RunPlan) -> None:
 
 
 def test_a_lean_run_that_a_limit_stops_is_stopped_as_a_full_one(plan: RunPlan) -> None:
-    tight = replace(plan, limits=plan.limits._replace(tracking_error=0.05))
+    tight = replace(plan, limits=plan.limits._replace(tracking_error=0.03))
     full = play_run(tight, SEED)
     assert full.reason == TRACKING and not full.played
     assert_alike(lean(tight), full)

@@ -160,7 +160,7 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
     )
     expected = None
     if stable is not None:
-        wrong = _declared_wrong(setup, _at_every_level(whole, identified), known, shared)
+        wrong = _declared_wrong_at_level(setup, whole, identified, known, shared)
         expected = np.hypot(np.hypot(stable.total.storeys, wrong), shown)
     seen = known if found.radius < 1.0 else None
     sim_rms = rms(known.lines.evaluated(known.sim))
@@ -228,6 +228,20 @@ def with_laws(setup: Setup, identified: Identification, design: Design) -> Build
     building = as_identified(setup, _specimen(identified))
     known = isinstance(design.blocks.numerical, StoreysWithLaws)
     return replace(building, laws=setup.building.laws) if known else building
+
+
+def _declared_wrong_at_level(
+    setup: Setup, whole: Building, identified: Identification, known: Known, shared: SharedValues
+) -> Array:
+    """Return `_declared_wrong` of the specimen as it is at the test's level; where SIM cannot follow the specimen's
+    laws, of its linear equivalent. The verdict does not depend on it."""
+    bent = _at_every_level(whole, identified)
+    try:
+        return _declared_wrong(setup, bent, known, shared)
+    except InputError:
+        if bent is whole:
+            raise
+        return _declared_wrong(setup, whole, known, shared)
 
 
 def _at_every_level(whole: Building, identified: Identification) -> Building:

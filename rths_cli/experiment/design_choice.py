@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 TRUSTING = ((1e-1, 4.0), (1e-2, 1.3), (1e-3, 0.4))  # q with r = 1, and residual_hz with the usual test band
 WORTH = 0.02  # of SIM's RMS: noise and rounding below it leave the usual filter
 NOT_SAFE = "the test would not be safe with it"
+KNOWN_RANGE = 0.85, 1.0  # of the specimen's stiffness: a filter that trusts the specimen must hold there
 GAIN = 0.8  # of the usual filter's error: another one must have less
 
 
@@ -50,6 +51,7 @@ def choose_design(
     Raises InputError as `judge`.
     """
     shared, why = shared or SharedValues(), ""
+    countered: Judged | None = None
     if design.plain is not None:
         countered, why = _countered(setup, identified, design, shared)
         if countered is not None and not _samples_dominate(setup, countered):
@@ -58,7 +60,8 @@ def choose_design(
     judged = judge(setup, identified, plain, shared)
     if why and judged.preflight.verdict == SAFE:
         plain = replace(plain, reaction_left=why)
-    return choose_filter(setup, identified, plain, judged, shared)
+    found = choose_filter(setup, identified, plain, judged, shared)
+    return found if countered is None or found[0].chosen_filter else (replace(design, plain=None), countered)
 
 
 def _countered(
@@ -69,19 +72,28 @@ def _countered(
     Without stated ends of the specimen's stiffness the loop is judged at those of REACTION_RANGE, with every sample of
     the model.
     """
-    blocks = design.blocks.linearised()
-    faults: list[Fault] = []
     try:
         judged = judge(setup, identified, design, shared)
-        if stated_ends(setup.case, blocks.counters_reaction) is None:
-            for one in (identified, *identified.samples):
-                told = setup.calibrated(one)
-                building = with_laws(told, one, design)
-                faults += faults_at_tangents(tangent_verdicts(told, one, blocks, building, shared, REACTION_RANGE))
+        stated = stated_ends(setup.case, design.blocks.counters_reaction) is not None
+        faults = [] if stated else _faults_at_ends(setup, identified, design, shared, REACTION_RANGE)
     except InputError:  # a sample of the model shows no compliance; what else it may be is raised without the reaction
         return None, NOT_SHOWN
     reasons = (*judged.preflight.reasons, *(fault.text for fault in faults))
     return (None, f"{NOT_SAFE}: {reasons[0]}") if reasons else (judged, "")
+
+
+def _faults_at_ends(
+    setup: Setup, identified: Identification, design: Design, shared: SharedValues, ends: tuple[float, float]
+) -> list[Fault]:
+    """Return why the loop is not safe at one of these ends of the specimen's stiffness, with every sample of the
+    model."""
+    blocks = design.blocks.linearised()
+    faults: list[Fault] = []
+    for one in (identified, *identified.samples):
+        told = setup.calibrated(one)
+        building = with_laws(told, one, design)
+        faults += faults_at_tangents(tangent_verdicts(told, one, blocks, building, shared, ends))
+    return faults
 
 
 def choose_filter(
@@ -91,7 +103,7 @@ def choose_filter(
 
     `design` and `judged` are those of the usual filter. They are returned where the case leaves no choice, where noise
     and rounding of the samples are not most of the predicted error, and where no filter of TRUSTING is better and as
-    safe.
+    safe, also with a specimen that has lost stiffness (KNOWN_RANGE).
     """
     if not _samples_dominate(setup, judged) or judged.known is None:
         return design, judged
@@ -108,6 +120,8 @@ def choose_filter(
         except InputError:  # this filter has no solution for the specimen, or no feedback suits it
             continue
         if found.known is None or judged.preflight.verdict == SAFE != found.preflight.verdict:
+            continue
+        if _faults_at_ends(other, identified, made, shared, KNOWN_RANGE):
             continue
         error = _expected(other, identified, found, predict(found.known))
         if error < least:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import glob
 import os
+import re
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -53,7 +54,7 @@ def remove_leftovers(path: Path) -> None:
     """Remove what killed processes left of this file (`.NAME.PID.part`): parts whose process is gone."""
     for part in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
         number = part.name.split(".")[-2]
-        if number.isdigit() and not _is_alive(int(number)):
+        if re.fullmatch("[0-9]{1,9}", number) and not _is_alive(int(number)):
             with suppress(OSError):
                 part.unlink()
 
@@ -70,7 +71,7 @@ def _is_alive(process: int) -> bool:
         os.kill(process, 0)
     except ProcessLookupError:
         return False
-    except OSError:
+    except (OSError, OverflowError):
         return True
     return True
 

@@ -113,6 +113,21 @@ def test_the_usual_filter_stays(settings: tuple[str, ...], memory: Memory) -> No
     assert design is not None and design.chosen_filter is None
 
 
+def test_a_filter_that_a_damaged_specimen_makes_unstable_is_not_chosen(
+    memory: Memory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All filters that trust the specimen are unstable at 0.7 of its stiffness; then the reaction is countered."""
+    monkeypatch.setattr(design_choice, "KNOWN_RANGE", (0.7, 1.0))
+    found = designed(memory, *COARSE)
+    assert found.chosen_filter is None and found.blocks.counters_reaction
+
+
+def test_without_a_better_filter_the_reaction_is_countered(memory: Memory) -> None:
+    unsure = "table.uncertainty={corner: 0, skew_s: 0, mass: 0, drift: 0, specimen: 0.05}"
+    found = designed(memory, *COARSE, unsure)
+    assert found.chosen_filter is None and found.blocks.counters_reaction
+
+
 def test_a_resolved_case_leaves_the_same_choice() -> None:
     """The case as resolved states every key; loaded again it must not be taken for one that states the weights."""
     case = setup_of(*COARSE).case

@@ -174,8 +174,8 @@ def friction_not_countered(setup: Setup, design: Design, identified: Identificat
         shown = "the identification holds no low-level record on which it could be tried"
     else:
         shown = (
-            f"the identified friction removes {max(friction.held_out, 0.0):.0%} of what the model leaves of the "
-            f"low-level record, {LEAST_HELD_OUT:.0%} are needed"
+            f"the identified friction removes {100 * max(friction.held_out, 0.0):.0f} % of what the model leaves of "
+            f"the low-level record, {100 * LEAST_HELD_OUT:.0f} % are needed"
         )
     return [f"controller.friction_compensation is off: {shown}"]
 

@@ -108,7 +108,7 @@ def causes_of(known: Known, signals: Signals, budget: Budget, test: Undisturbed 
 
     command = lines.of(signals.command_v) / known.loop.ahead
     samples = lines.of(samples_without_gaps(known, signals)) / known.loop.ahead
-    rubbed = friction_samples(replace(known, velocity_m_s=signals.desired[1]))
+    rubbed = friction_samples(replace(known, velocity_m_s=signals.desired[1], compensation=None))  # what is there
     left = to_storeys(samples - known.loop.rig * command - rubbed)
     candidates = {
         name: np.array([to_storeys(column).ravel() for column in columns])
@@ -116,7 +116,10 @@ def causes_of(known: Known, signals: Signals, budget: Budget, test: Undisturbed 
     }
     random = predict(known).causes
     noise = np.hypot(random["noise"].storeys, random["quantisation"].storeys)
-    found, rubs = [], to_storeys(rubbed)
+    felt = rubbed  # with what counters it
+    if known.compensation is not None:
+        felt = rubbed + known.loop.rig * (lines.of(known.compensation.added_v(signals.desired)) / known.loop.ahead)
+    found, rubs = [], to_storeys(felt)
     for _ in range(MOST_ROUNDS):
         names, part, factors = _likeliest(candidates, left, float(np.sqrt(np.mean(noise**2))))
         if not names:

@@ -159,7 +159,7 @@ def chosen_filter(design: Design) -> list[str]:
     return [
         "kalman: noise and rounding of the samples would be most of the error, so the base shear is taken from the "
         f"identified specimen more than from the measured floors: q: {q:g}, residual_hz: {residual_hz:.3g}; a specimen "
-        "that changes between identification and test costs more so, and the loop is judged down to 85 % of its stiffness"
+        "that changes between identification and test costs more so, and the loop is judged down to 85 % of it"
         " only; state q, residual_hz or kalman.choice: stated if it may lose more"
     ]
 

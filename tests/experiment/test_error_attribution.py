@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from campaigns.budget_causes import CAUSES, Named, named_causes
+from campaigns.budget_causes import CAUSES, Named, Switched, named_causes
 
 from rths_cli.analysis.error_attribution import Cause
 from rths_cli.experiment.error_budget_metrics import told_causes
@@ -28,8 +28,13 @@ def test_what_was_switched_on_is_named_first(name: str, memory: Memory) -> None:
 
 @pytest.fixture(scope="module")
 def one_gain(memory: Memory) -> Named:
-    plain = "controller.reaction_feedforward=false", "controller.friction_compensation=false"
-    return named_causes(CAUSES["gain of floor_2 +0.5 %"], memory, *plain)
+    return named_causes(CAUSES["gain of floor_2 +0.5 %"], memory)
+
+
+def test_friction_that_is_countered_is_no_cause(memory: Memory) -> None:
+    found = named_causes(Switched((), ""), memory)
+    friction = next(cause for cause in found.causes if cause.names == ("friction",))
+    assert found.causes[0].names == ("rounded samples",) and friction.largest < 0.2 * found.causes[0].largest
 
 
 def test_a_gain_is_named_alone_with_its_size(one_gain: Named) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from campaigns import step_run
+from further_channels import FIVE_AS_KEYS
 
 from rths_cli.control.numerical_substructure import interface
 from rths_cli.experiment.model_choice import Memory
@@ -20,15 +21,6 @@ from speed.commands import EIGHT
 from speed.process import median_s
 from speed.rows import RATIO, Row, seconds_of
 
-FURTHER = [
-    {"kind": "displacement", "position": "table", "unit": "mm", "sensitivity_v_per_unit": 0.1, "range": 95,
-     "use": "guard"},
-    {"kind": "force", "position": "table", "unit": "N", "sensitivity_v_per_unit": 0.02, "range": 450,
-     "use": ["guard", "shear"], "plate_mass_kg": 1.5},
-    {"kind": "strain", "position": "storey_3", "unit": "um/m", "sensitivity_v_per_unit": 0.001, "range": 9000},
-    {"kind": "acceleration", "position": "floor_3", "unit": "m/s^2", "sensitivity_v_per_unit": 0.1, "range": 50},
-    {"kind": "displacement", "position": "floor_2", "unit": "mm", "sensitivity_v_per_unit": 0.1, "range": 95},
-]  # fmt: skip
 STOREYS = (3, 10, 30, 100)
 FLOORS = (2, 4, 8)
 LENGTHS_S = (54.0, 27.0, 13.5)
@@ -52,7 +44,7 @@ def growth_rows(setup: Setup, given: step_run.Inputs) -> list[Row]:
 
 def channel_rows() -> list[Row]:
     """Compare a step with eight channels, a displacement sensor and a load cell among them, with one of three."""
-    runs = {"3": with_channels(""), "8": with_channels(json.dumps(FURTHER))}
+    runs = {"3": with_channels(""), "8": with_channels(json.dumps(FIVE_AS_KEYS))}
     return _rows("channels", runs, 1.3)
 
 

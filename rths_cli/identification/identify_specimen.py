@@ -150,14 +150,23 @@ STUCK = 2.0  # factor on what friction that slides at both levels leaves at full
 def at_low_level(data: Evidence, model: Model, known: SpecimenFit | None) -> SpecimenFit | None:
     """Return the specimen from the record at low level alone; None without one, or where it is too short or no chain
     explains half of its motion."""
-    if data.quiet is None or known is None:
+    seen = _quiet_motion(data, model, known)
+    if seen is None or known is None:
         return None
     start = Start(known.stiffness_n_per_m, known.damping_ratio)
-    seen, low_hz = _motion(data.quiet, model, free=False), lowest_hz(data, start)
-    if seen is None or len(seen.table) < least_samples(known.natural_frequency_hz, data.info.dt_s, low_hz):
-        return None
+    low_hz = lowest_hz(data, start)
     low = fit_specimen([seen], data.info.dt_s, data.masses_kg, low_hz, start)
     return None if low.residual > MOST_UNEXPLAINED else low
+
+
+def _quiet_motion(data: Evidence, model: Model, known: SpecimenFit | None) -> Motion | None:
+    """Return table and floors in the record at low level; None without one, or where it is too short."""
+    if data.quiet is None or known is None:
+        return None
+    found = _motion(data.quiet, model, free=False)
+    low_hz = lowest_hz(data, Start(known.stiffness_n_per_m, known.damping_ratio))
+    least = least_samples(known.natural_frequency_hz, data.info.dt_s, low_hz)
+    return None if found is None or len(found.table) < least else found
 
 
 def of_level(level_ratio: float, known: SpecimenFit | None, low: SpecimenFit | None) -> tuple[Array, Array]:
@@ -190,12 +199,10 @@ def nonlinear(data: Evidence, model: Model, known: SpecimenFit | None) -> Nonlin
 
     None without a record at low level, or where that is too short.
     """
-    if data.quiet is None or known is None:
+    quiet = _quiet_motion(data, model, known)
+    if quiet is None or known is None:
         return None
-    start = Start(known.stiffness_n_per_m, known.damping_ratio)
-    quiet, low_hz = _motion(data.quiet, model, free=False), lowest_hz(data, start)
-    if quiet is None or len(quiet.table) < least_samples(known.natural_frequency_hz, data.info.dt_s, low_hz):
-        return None
+    low_hz = lowest_hz(data, Start(known.stiffness_n_per_m, known.damping_ratio))
     band_hz = low_hz, ABOVE_HIGHEST * float(known.natural_frequency_hz[-1])
     loud = motions(data, model, free=False)
     return identify_nonlinear(loud, quiet, data.info.dt_s, data.masses_kg, known.stiffness_n_per_m, band_hz)

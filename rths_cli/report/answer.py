@@ -180,7 +180,7 @@ def one_line(result: Result) -> str:
     """Return a result in one line: its case, how it ended, and its file."""
     name, found = result.path.stem, grade(result)
     if found is None or result.attributes.get("status_reason"):
-        return f"{name}: {verdict(result)}; {result.path}"
+        return f"{name}: {verdict(result).removesuffix('.')}; {result.path}"
     ratio = "" if found.ratio is None else f" and {three(found.ratio)} of SIM-DELAY's"
     where = " on a virtual rig" if _virtual(result) else ""
     reserved = "".join(f", {one}" for one in reservations(result))

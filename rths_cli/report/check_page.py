@@ -81,7 +81,7 @@ def pages(checked: Sequence[Checked]) -> str:
 def page(checked: Checked) -> str:
     """Return the page of one case, at most 100 columns wide."""
     values = {path: np.atleast_1d(np.asarray(value, dtype=float)) for path, value in checked.metrics.items()}
-    sections = [wrapped(_about(checked.about))]
+    sections = [wrapped(_about(checked.about, _counters(values)))]
     if "check.spectral_radius" in values:
         sections += [
             wrapped(_stability(values)),
@@ -109,7 +109,15 @@ def _why(one: Checked) -> str:
     return f"up to scaling {float(np.asarray(largest)):g}" if largest is not None else ""
 
 
-def _about(about: Tested) -> list[str]:
+def _counters(values: Values) -> str:
+    """Return what the command counters beside its delay, "" where nothing."""
+    parts = {"reaction_feedforward": "a changed specimen's reaction", "friction_compensation": "friction"}
+    off = np.zeros(1)
+    found = [text for name, text in parts.items() if values.get(f"controller.{name}", off)[0] > 0.0]
+    return f"; counters {' and '.join(found)}" if found else ""
+
+
+def _about(about: Tested, counters: str) -> list[str]:
     kind = "" if not about.rig_kind else f"{about.rig_kind} "
     scale = [] if about.scale is None else [labelled("scale", _scale(about.scale, about.record_s))]
     overrides = [labelled("overridden", ", ".join(about.overrides))] if about.overrides else []
@@ -118,7 +126,7 @@ def _about(about: Tested) -> list[str]:
         labelled("building", f"{about.structure}, damping {about.damping}"),
         labelled("record", f"{about.record} x {about.scaling:g}, {about.sample_rate_hz:g} Hz"),
         *scale,
-        labelled("controller", f"{about.controller}, method {about.method}"),
+        labelled("controller", f"{about.controller}, method {about.method}{counters}"),
         *([labelled("calibration", about.calibration)] if about.calibration else []),
         labelled("model", about.model),
         *overrides,
@@ -260,7 +268,9 @@ def _compared(values: Values, about: Tested) -> list[str]:
     if "check.rms_error_m_s2" not in values:
         return [labelled("error", "not predicted: the loop is unstable")]
     friction = _one(values, "friction_v")
-    lines = [labelled("friction", f"included, as identified: equivalent to {1e3 * friction:.3g} mV of command")]
+    countered = values.get("controller.friction_compensation", np.zeros(1))[0] > 0.0
+    what = "countered, the rest is included" if countered else "included"
+    lines = [labelled("friction", f"{what}; as identified, equivalent to {1e3 * friction:.3g} mV of command")]
     late = f"SIM-DELAY, {1e3 * about.delay_s:g} ms"
     if "check.sim_delay_rms_error_m_s2" not in values:
         return [*lines, labelled(late, "not stated: near its critical delay, or beyond it")]

@@ -74,7 +74,7 @@ def _percent_cells(result: Result, storey: int) -> tuple[Cell, ...]:
     if storey > 0:
         return (*cells, Cell(""), Cell(""))
     delay_s, gain = state(result, "exp_rths.fei_delay_s"), state(result, "exp_rths.fei_amplitude")
-    delay_ms = delay_s if isinstance(delay_s, str) else 1e3 * delay_s
+    delay_ms = delay_s if isinstance(delay_s, str) else round(1e3 * delay_s, 4) + 0.0  # a column has room for -0.1234
     shown = Cell(gain) if isinstance(gain, str) else Cell(f"{gain:.4f}", mark=mark(result, "exp_rths.fei_amplitude"))
     return (*cells, _cell(delay_ms, mark(result, "exp_rths.fei_delay_s")), shown)
 

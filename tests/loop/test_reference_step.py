@@ -94,6 +94,7 @@ def test_friction_is_countered_at_the_velocity_to_come() -> None:
 
     outcome, samples = played(info, replace(blocks, feedforward=counters), drive, NUMERICAL, 1.2)
     assert difference(outcome, by_reference(blocks, samples, drive, numerical=True, added=added)) <= 1e-12
+    np.testing.assert_allclose(counters.added_v(outcome.log.desired), added(outcome.log.desired), rtol=1e-12)
     velocity, accel = np.abs(outcome.log.desired[1]), np.abs(outcome.log.desired[0])
     assert velocity.min() < 0.2 * scale and velocity.max() > 2.0 * scale and lead * accel.max() > 0.1 * scale
 

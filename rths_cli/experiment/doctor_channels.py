@@ -48,13 +48,18 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a channel showed in a slow motion over what it must show."""
+    """What a channel showed in a slow motion over what it must show.
+
+    Where `has_phase` is False, the alias of the held command was taken off such that the phase, in degrees, is 0 or 180
+    whatever the channel does: it tells the sign and no delay.
+    """
 
     channel: str
     against: str
     ratio: float
     phase_deg: float
     permitted: float
+    has_phase: bool = True
 
     @property
     def agrees(self) -> bool:
@@ -175,7 +180,7 @@ def comparisons(setup: Setup, log: Signals, frequency_hz: float) -> list[Compari
     accel = np.array([_without_alias(shown[0], place, change), *shown[1:]])
     names = [channel.name for channel in info.channels]
     mass = setup.building.interface_experimental_mass_kg
-    found = [_comparison(info.channels[0], "command, nominal gain", -accel[0] / rate**2, place, 0.1)]
+    found = [_comparison(info.channels[0], "command, nominal gain", -accel[0] / rate**2, place, 0.1, has_phase=False)]
     found += [
         _comparison(channel, "table, same sense", accel[1 + i], accel[0], 1.0)
         for i, channel in enumerate(info.channels[1:])
@@ -185,7 +190,8 @@ def comparisons(setup: Setup, log: Signals, frequency_hz: float) -> list[Compari
         if channel.kind == "displacement" and at >= 0:
             other = info.channels[at].uncertainty
             must = _without_alias(shown[at], line, change) if at == 0 else shown[at]
-            found.append(_comparison(channel, f"{names[at]}, twice integrated", line, -must / rate**2, other))
+            against = f"{names[at]}, twice integrated"
+            found.append(_comparison(channel, against, line, -must / rate**2, other, has_phase=at != 0))
         elif channel.kind == "acceleration" and at >= 0:
             found.append(_comparison(channel, names[at], line, shown[at], info.channels[at].uncertainty))
         elif channel.kind == "force" and channel.position == "table":
@@ -207,10 +213,14 @@ def _without_alias(accel: complex, place: complex, change: complex) -> complex:
     return accel - change * (accel * np.conj(place)).imag / across if across != 0.0 else accel
 
 
-def _comparison(channel: Channel, against: str, shown: complex, must: complex, other: float) -> Comparison:
+def _comparison(
+    channel: Channel, against: str, shown: complex, must: complex, other: float, has_phase: bool = True
+) -> Comparison:
     ratio = shown / must if must != 0.0 else complex(math.nan)
     permitted = max(AGREES * math.hypot(channel.uncertainty, other), LEAST) if other < 1.0 else other
-    return Comparison(channel.name, against, abs(ratio), math.degrees(math.atan2(ratio.imag, ratio.real)), permitted)
+    return Comparison(
+        channel.name, against, abs(ratio), math.degrees(math.atan2(ratio.imag, ratio.real)), permitted, has_phase
+    )
 
 
 def _lines(rows: Array, frequency_hz: float, dt_s: float) -> Array:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rths_cli.report.identification_page import aligned, labelled, wrapped
+from rths_cli.report.identification_page import DASH, aligned, labelled, wrapped
 
 if TYPE_CHECKING:
     from rths_cli.experiment.doctor_channels import ChannelsExamined
@@ -70,9 +70,10 @@ def channels_page(found: ChannelsExamined) -> str:
     sections = ["\n".join([f"Channels of {found.rig} at rest, {found.seconds:g} s", *aligned([heads, *rows])])]
     if found.comparisons:
         lines = [
-            (one.channel, one.against, f"{one.ratio:.4f}", f"{one.phase_deg:.1f}", f"{one.permitted:.3f}", one.told)
+            (one.channel, one.against, f"{one.ratio:.4f}", f"{one.phase_deg:.1f}" if one.has_phase else DASH,
+             f"{one.permitted:.3f}", one.told)
             for one in found.comparisons
-        ]
+        ]  # fmt: skip
         title = "Shown over what it must show, in a slow motion of the table"
         sections.append("\n".join([title, *aligned([COMPARED, *lines])]))
     if pushed:

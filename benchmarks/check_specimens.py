@@ -4,9 +4,9 @@
 
 Rigs, buildings and records are those of `preflight.py`, controllers with feedforward, method `best`. After the
 identification the specimen has 0.5 to 1 of its stiffness, or its storeys yield at 1/1.2 to 1/6 of their linear peak
-drift. The case states `check.specimen_range: [0.5, 1]`. Each test is checked, and played whatever the verdict, without
-and with both `controller.reaction_feedforward` and `controller.friction_compensation`. Printed: verdict, outcome, and
-the worst storey's error in percent of SIM of the specimen as it is.
+drift. The case states `check.specimen_range: [0.5, 1]`. Each test is checked, and played whatever the verdict, with both
+`controller.reaction_feedforward` and `controller.friction_compensation` off, on, and automatic, each with the design
+that a run gets. Printed: verdict, outcome, and the worst storey's error in percent of SIM of the specimen as it is.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.structural_response import inter_storey_drift_m
 from rths_cli.errors import RthsError
-from rths_cli.experiment.check import judge
 from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import HYBRID_TEST, plan_run, play_run, run_of, true_accelerations
 from rths_cli.experiment.setup import Setup
@@ -37,6 +37,7 @@ RANGE = 0.5, 1.0  # of the specimen's stiffness
 DUCTILITY = 1.2, 6.0
 KINDS = ("bilinear", "bouc_wen", "clough")
 KEYS = "controller.reaction_feedforward", "controller.friction_compensation"
+SWITCHES = {"false": "off", "true": "on", "automatic": "automatic"}
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def changed(seed: int, setup: Setup) -> tuple[str, str]:
 
 
 def tested(seed: int) -> tuple[str, tuple[Outcome, ...], str]:
-    """Return what is tested, the outcome without and with both keys, and why nothing was run."""
+    """Return what is tested, the outcome with each of `SWITCHES`, and why nothing was run."""
     drawn = random_tests.draw(seed)
     kind = drawn.controller if drawn.controller != "none" else "FF"
     case = drawn.case | {"method": "best", "controller": kind, "check": {"specimen_range": list(RANGE)}}
@@ -92,7 +93,8 @@ def tested(seed: int) -> tuple[str, tuple[Outcome, ...], str]:
     except RthsError as error:
         return about, (), str(error)
     found = []
-    for settings in (tuple(f"{key}={switch}" for key in KEYS) for switch in ("false", "true")):
+    for switch in SWITCHES:
+        settings = [f"{key}={switch}" for key in KEYS]
         try:
             found.append(outcome(random_tests.setup_of(case, scaling, setting, *settings), identified, truth))
         except RthsError as error:
@@ -102,8 +104,8 @@ def tested(seed: int) -> tuple[str, tuple[Outcome, ...], str]:
 
 def outcome(setup: Setup, identified: Identification, truth: Array) -> Outcome:
     """Check a test and play it whatever the verdict; `truth` (n_storeys, n) are SIM's accelerations in m/s^2."""
-    design = design_blocks(setup, identified)
-    verdict = judge(setup, identified, design).preflight.verdict
+    design, judged = choose_design(setup, identified, design_blocks(setup, identified))
+    verdict = judged.preflight.verdict
     played = play_run(plan_run(setup, design, HYBRID_TEST), setup.case.seed)
     run = run_of(played, setup, HYBRID_TEST, design.blocks.lead_samples, None)
     accel = true_accelerations(run, setup)
@@ -118,10 +120,10 @@ def worst(accel: Array, sim: Array) -> float:
 
 
 def summary(rows: list[tuple[Outcome, ...]]) -> Iterator[str]:
-    """Yield verdict against outcome, without and with both keys."""
-    for place, name in enumerate(("without", "with")):
+    """Yield verdict against outcome with each of `SWITCHES`."""
+    for place, name in enumerate(SWITCHES.values()):
         of = [row[place] for row in rows if len(row) > place]
-        yield f"{name} feedforward of the reaction and of friction: {len(of)} tests"
+        yield f"feedforward of the reaction and of friction {name}: {len(of)} tests"
         for verdict in ("safe", "unsafe", "unstable"):
             these = [one for one in of if one.verdict == verdict]
             bad = sum(one.diverged for one in these)

@@ -28,13 +28,21 @@ BETTER_GAIN, BETTER_MASS = 0.002, 0.001  # what a comparison of sensors, and a g
 
 
 @dataclass(frozen=True)
+class OwnError:
+    """RMS errors (n_storeys,) in m/s^2 of a test with a perfect calibration."""
+
+    loop: Array  # as predicted
+    changed: Array  # if the specimen's stiffness is off by one standard uncertainty; proportional to what it is off by
+
+
+@dataclass(frozen=True)
 class TrueError:
     """The distribution of a test's true RMS errors in m/s^2 in the test band, by storey (n_storeys,)."""
 
     median: Array
     bound: Array  # not exceeded with 95 %
     calibration: Array  # root mean square of the part by the calibration
-    loop: Array  # as predicted without regard to calibration
+    own: OwnError  # without regard to calibration
     drawn: Array  # (draws, n_storeys) of the distribution
 
     def rank(self, error: Array) -> Array:
@@ -68,8 +76,8 @@ class Sensitivities:
         this covariance after the identification."""
         return np.asarray(np.sqrt(np.maximum(np.einsum("spq,pq->s", self.measured, covariance), 0.0)))
 
-    def drawn(self, covariance: Array, loop: Array) -> Array:
-        """Return RMS errors (draws, n_storeys) in m/s^2, with `loop` (n_storeys,) that of a perfect calibration.
+    def drawn(self, covariance: Array, own: OwnError) -> Array:
+        """Return RMS errors (draws, n_storeys) in m/s^2, with `own` those of a perfect calibration.
 
         The draws are the same for every covariance, so that two of them can be compared.
         """
@@ -77,8 +85,9 @@ class Sensitivities:
         values, vectors = np.linalg.eigh(covariance)
         parameters = random.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
         squares = np.einsum("dp,spq,dq->ds", parameters, self.gram, parameters, optimize=True)
-        own = loop * np.exp(PREDICTION * random.standard_normal((DRAWS, 1)))
-        return np.asarray(np.sqrt(np.maximum(squares, 0.0) + own**2))
+        loop = own.loop * np.exp(PREDICTION * random.standard_normal((DRAWS, 1)))
+        changed = own.changed * random.standard_normal((DRAWS, 1))
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0) + loop**2 + changed**2))
 
 
 def sensitivities(building: Building, lines: Lines, sim: ComplexArray, corners_hz: Array) -> Sensitivities:
@@ -127,29 +136,28 @@ def _per_interface_force(building: Building, frequency_hz: Array) -> ComplexArra
     return np.asarray(StateSpace(a, b, a[n:], b[n:]).response(frequency_hz)[:, 0])
 
 
-def true_error(known: Sensitivities, found: Calibration, loop: Array) -> TrueError:
-    """Return the distribution of the true errors; `loop` (n_storeys,) in m/s^2 is predicted without calibration."""
-    drawn = known.drawn(found.covariance, loop)
+def true_error(known: Sensitivities, found: Calibration, own: OwnError) -> TrueError:
+    """Return the distribution of the true errors; `own` are those without regard to calibration."""
+    drawn = known.drawn(found.covariance, own)
     parts = np.einsum("spq,pq->s", known.gram, found.covariance)
     return TrueError(
-        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), np.asarray(loop),
-        drawn,
+        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), own, drawn,
     )  # fmt: skip
 
 
-def best_remedy(known: Sensitivities, found: Calibration, loop: Array) -> Remedy | None:
+def best_remedy(known: Sensitivities, found: Calibration, own: OwnError) -> Remedy | None:
     """Return the one further measurement of a gain or a mass that lowers the largest bound most; None if none does."""
     channels = len(found.gain)
     candidates = [(place, BETTER_GAIN) for place in range(channels)]
     candidates += [(3 * channels + floor, BETTER_MASS) for floor in range(len(found.mass))]
-    found_now = float(np.quantile(known.drawn(found.covariance, loop), BOUND, axis=0).max())
+    found_now = float(np.quantile(known.drawn(found.covariance, own), BOUND, axis=0).max())
     best: Remedy | None = None
     for place, error in candidates:
         column = found.covariance[:, place]
         if column[place] <= error**2:
             continue
         after = found.covariance - np.outer(column, column) / (column[place] + error**2)
-        bound = np.quantile(known.drawn(after, loop), BOUND, axis=0)
+        bound = np.quantile(known.drawn(after, own), BOUND, axis=0)
         if float(bound.max()) < (float(best.bound.max()) if best else found_now):
             best = Remedy(place, error, bound)
     return best

@@ -21,7 +21,7 @@ from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.predicted_error import Known, predict
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim_fourier_lines import delayed_rms, sim_lines
-from rths_cli.analysis.true_error import best_remedy, sensitivities, true_error
+from rths_cli.analysis.true_error import OwnError, best_remedy, sensitivities, true_error
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
@@ -35,7 +35,7 @@ from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.structure import Building, assemble, modes
 from rths_cli.structure.storey_laws import stacked
-from rths_cli.structure.tangents import at_rest
+from rths_cli.structure.tangents import at_rest, with_specimen
 
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.predicted_error import Prediction
     from rths_cli.analysis.sim import Response
     from rths_cli.analysis.true_error import Remedy, TrueError
+    from rths_cli.control.designed_blocks import Blocks
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.setup import Setup
     from rths_cli.experiment.simulated_test import Simulated
@@ -153,7 +154,9 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
         largest = 0.0
     elif whole.has_laws:  # its response does not grow with the record: only this scaling was simulated
         largest = min(largest, 0.0 if simulated is None or simulated.faults else setup.case.scaling)
-    true, remedy, shown = (None, None, 0.0) if stable is None else _true_error(setup, identified, known, stable)
+    true, remedy, shown = (None, None, 0.0) if stable is None else _true_error(
+        setup, identified, design.blocks, known, stable
+    )
     friction = identified.friction.command_v if identified.friction else 0.0
     delayed = (
         _delayed_with_laws(setup, whole, shared) if whole.has_laws else _sim_delay(setup, building, known, critical)
@@ -171,7 +174,7 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
 
 
 def _true_error(
-    setup: Setup, identified: Identification, known: Known, prediction: Prediction
+    setup: Setup, identified: Identification, blocks: Blocks, known: Known, prediction: Prediction
 ) -> tuple[TrueError | None, Remedy | None, Array | float]:
     """Return the distribution of the true error, the best remedy, and the root mean square (n_storeys,) in m/s^2 of
     what the sensors will show of it; None, None and 0 where nothing is uncertain.
@@ -185,8 +188,9 @@ def _true_error(
     building = at_rest(as_identified(setup, _specimen(identified)))
     corners = np.array([channel.high_pass_hz if setup.removes_sensors else 0.0 for channel in setup.rig.channels])
     by_calibration = sensitivities(building, known.lines, known.sim, corners)
-    changed = changed_specimen_error(setup, identified, known, prediction)
-    loop = np.hypot(prediction.total.storeys, changed)
+    factor = 1.0 + stiffness_uncertainty(setup, identified)
+    changed = changed_specimen_error(setup, identified, blocks, known, prediction, factor)
+    own = OwnError(prediction.total.storeys, changed)
     since, c = np.zeros_like(calibration.covariance), len(calibration.gain)
     if identified.session is None:
         since[:c, :c] = setup.rig.uncertainty.drift**2 * np.eye(c)
@@ -195,18 +199,30 @@ def _true_error(
         places = np.array([*range(c), *range(2 * c, 3 * c)])
         since[np.ix_(places, places)] = identified.session.covariance[: 2 * c, : 2 * c]
     shown = by_calibration.measured_rms(since)
-    return true_error(by_calibration, calibration, loop), best_remedy(by_calibration, calibration, loop), shown
+    return true_error(by_calibration, calibration, own), best_remedy(by_calibration, calibration, own), shown
 
 
-def changed_specimen_error(setup: Setup, identified: Identification, known: Known, prediction: Prediction) -> Array:
-    """Return the RMS error (n_storeys,) if the specimen is as stiff as its uncertainty permits: that of the identified
-    stiffness, twice, and what it may change by until the test."""
+def stiffness_uncertainty(setup: Setup, identified: Identification) -> float:
+    """Return the relative standard uncertainty of the specimen's stiffness in the test: that of the identified one
+    together with that of its change until then."""
     fit = identified.specimen
     assert fit is not None  # every case has experimental storeys
     error = float(np.max(fit.stiffness_error_n_per_m / fit.stiffness_n_per_m))
-    change = float(np.hypot(setup.rig.uncertainty.specimen, 2.0 * error))
-    building = at_rest(as_identified(setup, fit.specimen))
-    return error_if_changed(known, building, prediction.nominal.corrected[0], change)
+    return float(np.hypot(setup.rig.uncertainty.specimen, error))
+
+
+def changed_specimen_error(
+    setup: Setup, identified: Identification, blocks: Blocks, known: Known, prediction: Prediction, factor: float
+) -> Array:
+    """Return the RMS error (n_storeys,) in m/s^2 if all storeys of the specimen have `factor` times the identified
+    stiffness.
+
+    `blocks` are linear. If they counter the specimen's reaction, the table moves as the other reaction makes it.
+    """
+    changed = with_specimen(at_rest(as_identified(setup, _specimen(identified))), factor)
+    rig, storeys = loop_parts(setup, identified, changed.specimen, blocks.counters_reaction)
+    loop = loop_response(rig, blocks, storeys, known.lines.z)
+    return error_if_changed(known, prediction.nominal, changed, loop)
 
 
 def _declared_wrong(setup: Setup, whole: Building, known: Known, shared: SharedValues) -> Array:

@@ -24,7 +24,7 @@ import numpy as np
 from rths_cli.analysis.predicted_error import predict
 from rths_cli.analysis.stability_check import SAFE
 from rths_cli.errors import InputError
-from rths_cli.experiment.check import Judged, changed_specimen_error, judge, with_laws
+from rths_cli.experiment.check import Judged, changed_specimen_error, judge, stiffness_uncertainty, with_laws
 from rths_cli.experiment.design import NOT_SHOWN, Design, design_blocks
 from rths_cli.experiment.tangent_verdicts import REACTION_RANGE, faults_at_tangents, stated_ends, tangent_verdicts
 from rths_cli.numerics.bands import TEST_BAND_HZ
@@ -108,7 +108,7 @@ def choose_filter(
     if not _samples_dominate(setup, judged) or judged.known is None:
         return design, judged
     usual = predict(judged.known)
-    best, least = (design, judged), GAIN * _expected(setup, identified, judged, usual)
+    best, least = (design, judged), GAIN * _expected(setup, identified, design, judged, usual)
     for q, usual_hz in TRUSTING:
         spec = setup.case.kalman.model_copy(
             update={"q": q * setup.case.kalman.r, "residual_hz": usual_hz * setup.case.test_band_hz / TEST_BAND_HZ}
@@ -123,7 +123,7 @@ def choose_filter(
             continue
         if _faults_at_ends(other, identified, made, shared, KNOWN_RANGE):
             continue
-        error = _expected(other, identified, found, predict(found.known))
+        error = _expected(other, identified, made, found, predict(found.known))
         if error < least:
             best, least = (made, found), error
     return best
@@ -151,8 +151,11 @@ def _leaves_choice(setup: Setup) -> bool:
     return plain and case.kalman.choice == "automatic"
 
 
-def _expected(setup: Setup, identified: Identification, judged: Judged, prediction: Prediction) -> float:
+def _expected(
+    setup: Setup, identified: Identification, design: Design, judged: Judged, prediction: Prediction
+) -> float:
     """Return the predicted error over SIM's RMS at the worst storey, that of a changed specimen included."""
     assert judged.known is not None
-    changed = changed_specimen_error(setup, identified, judged.known, prediction)
+    factor, blocks = 1.0 + stiffness_uncertainty(setup, identified), design.blocks.linearised()
+    changed = changed_specimen_error(setup, identified, blocks, judged.known, prediction, factor)
     return float(np.max(np.hypot(prediction.total.storeys, changed) / judged.sim_rms_m_s2))

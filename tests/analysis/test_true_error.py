@@ -7,11 +7,12 @@ from scipy.signal import StateSpace, butter, lsim, sosfiltfilt
 from rths_cli.analysis.fourier_lines import lines_for
 from rths_cli.analysis.metrics import test_band as in_band
 from rths_cli.analysis.sim_fourier_lines import sim_lines
-from rths_cli.analysis.true_error import best_remedy, sensitivities, true_error
+from rths_cli.analysis.true_error import OwnError, best_remedy, sensitivities, true_error
 from rths_cli.identification.results import Calibration
 from rths_cli.structure import Building, Numerical, Specimen, assemble
 
 DT = 0.005
+NOTHING = OwnError(np.zeros(3), np.zeros(3))
 MASSES, K_E = np.array([6.91, 6.95]), np.array([[14707.96, -7376.4], [-7376.4, 7376.4]])
 C_E = np.array([[8.0, -2.0], [-2.0, 6.0]])
 M_N, K_N, C_N = 6.93, 7354.0, 22.0
@@ -102,7 +103,7 @@ def test_the_distribution_is_that_of_many_laboratories():
     covariance = np.zeros((11, 11))
     covariance[:3, :3] = 0.01**2 / 3.0  # a common gain
     found = Calibration(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), covariance)
-    uncertain = true_error(known(), found, np.zeros(3))
+    uncertain = true_error(known(), found, NOTHING)
     gains = 0.01 / np.sqrt(3.0) * np.random.default_rng(1).standard_normal(300)
     exact = whole_test(np.ones(3), MASSES)
 
@@ -117,11 +118,20 @@ def test_the_distribution_is_that_of_many_laboratories():
     assert uncertain.bound == pytest.approx(np.quantile(errors, 0.95, axis=0), rel=0.15)
 
 
+def test_a_specimen_may_be_stiffer_or_softer():
+    """A normal deviation: its error is half normal, with 0.674 standard deviations as the median and 1.96 at 95 %."""
+    found = Calibration(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), np.zeros((11, 11)))
+    size = np.array([1.0, 2.0, 5.0])
+    uncertain = true_error(known(), found, OwnError(np.zeros(3), size))
+    assert uncertain.median == pytest.approx(0.674 * size, rel=0.05)
+    assert uncertain.bound == pytest.approx(1.96 * size, rel=0.05)
+
+
 def test_the_remedy_is_the_measurement_that_helps_most():
     covariance = np.diag(np.concatenate([np.full(3, 1e-8), np.zeros(6), [1e-9, 1e-4]]))
     found = Calibration(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), covariance)
-    remedy, before = best_remedy(known(), found, np.zeros(3)), true_error(known(), found, np.zeros(3))
+    remedy, before = best_remedy(known(), found, NOTHING), true_error(known(), found, NOTHING)
     assert remedy is not None and remedy.parameter == 10
     assert np.all(remedy.bound < 0.2 * before.bound)
     nothing = Calibration(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), np.zeros((11, 11)))
-    assert best_remedy(known(), nothing, np.ones(3)) is None
+    assert best_remedy(known(), nothing, OwnError(np.ones(3), np.ones(3))) is None

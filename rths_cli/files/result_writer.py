@@ -2,8 +2,8 @@
 
 A file is written under a temporary name in its own folder and renamed when it is finished, so a file with the
 final name is never half a file. Until then its status says `interrupted`, and every group is flushed: what a
-killed process leaves behind (`.NAME.h5.HOST-PID.part`) opens and says how it ended. A file that will be added to once the
-table is at rest is finished as `interrupted`, and a writer that `continues` it works on a copy. One that was parked
+killed process leaves behind (`.NAME.h5.HOST-PID.part`) opens and says how it ended. A file that will be added to once
+the table is at rest is finished as `interrupted`, and a writer that `continues` it works on a copy. One that was parked
 while a table moved and fails after that keeps what it holds, and says why.
 """
 

@@ -124,9 +124,7 @@ def _as_seen(path: Path, seen: Stamp) -> Iterator[None]:
         yield
     finally:
         if _stamp(path) != seen:
-            raise InputError(
-                f"{path}: was written anew or removed while it was read; join the parts when all are there"
-            )
+            raise InputError(f"{path}: was written anew or removed while it was read; join the parts again")
 
 
 def _joined(parts: dict[Path, Head], seen: dict[Path, Stamp], command_line: str) -> Sweep:

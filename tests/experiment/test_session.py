@@ -35,6 +35,7 @@ from rths_cli.studies.sweep_table import flat, kept_columns
 WATCHED = ("doing", "message", "warning", "started", "ended", "confirm")  # of what is told of runs
 PER_RUN = "channels.gain_change_between_runs"
 LATER = "table.after_identification.command_skew_s=1e-4"
+DRAWN = "table.imperfections.laboratory=4"  # one laboratory for all seeds
 QUICK = ("table=aps400_laboratory", "identification.duration_s=60", "sample_rate_hz=1000", "seed=4")
 
 
@@ -192,17 +193,9 @@ def test_a_row_of_a_drifting_laboratory_is_run_in_the_session_of_its_sweep(
     for module in (sweep_runs, run_command):
         monkeypatch.setattr(module, "Memory", lambda *_: memory)
     alone, silent = ("check", "model"), SimpleNamespace(**dict.fromkeys(WATCHED, lambda *_: None))
-    asked = SweepRequest(
-        Asked("el_centro_low_ff_fb", QUICK, (), "5"),
-        tmp_path / "s.h5",
-        None,
-        Engine("inline"),
-        True,
-        False,
-        "test",
-        alone,
-    )
-    run_sweep(asked, silent)  # type: ignore[arg-type]
+    asked = Asked("el_centro_low_ff_fb", (*QUICK, DRAWN), (), "5:5")
+    request = SweepRequest(asked, tmp_path / "s.h5", None, Engine("inline"), True, False, "test", alone)
+    run_sweep(request, silent)  # type: ignore[arg-type]
     row = read_row(tmp_path / "s.h5", 1, ("runs=[exp_rths]",))
     assert (row.case.seed, row.session_seed, row.overrides) == (5, 4, alone)
 
@@ -219,7 +212,7 @@ def test_a_row_of_a_drifting_laboratory_is_run_in_the_session_of_its_sweep(
 
 
 def test_the_session_is_that_of_the_sweep_not_of_the_row() -> None:
-    row, case = setup_of(*QUICK[:-1], "seed=5"), setup_of(*QUICK)
+    row, case = (setup_of(*QUICK[:-1], DRAWN, f"seed={seed}") for seed in (5, 4))
     assert session_key(row) != session_key(case) == session_key(replace(row, session_seed=4))
 
 

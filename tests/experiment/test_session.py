@@ -196,7 +196,7 @@ def test_a_row_of_a_drifting_laboratory_is_run_in_the_session_of_its_sweep(
     asked = Asked("el_centro_low_ff_fb", (*QUICK, DRAWN), (), "5:5")
     request = SweepRequest(asked, tmp_path / "s.h5", None, Engine("inline"), True, False, "test", alone)
     run_sweep(request, silent)  # type: ignore[arg-type]
-    row = read_row(tmp_path / "s.h5", 1, ("runs=[exp_rths]",))
+    row = read_row(tmp_path / "s.h5", 1, ("runs=[sim, sim_delay, exp_rths]",))
     assert (row.case.seed, row.session_seed, row.overrides) == (5, 4, alone)
 
     def differences(session_seed: int | None) -> list[str]:

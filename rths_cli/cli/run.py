@@ -148,6 +148,9 @@ def _differs(row: SweptRow, path: Path, screen: Screen, quiet: int) -> bool:
         return False
     more = f" and {len(differences) - 1} more" if len(differences) > 1 else ""
     why = "a file that the case names, a setting or rths is not what it was"
+    if row.later:
+        as_then = " ".join(f"--set {key}=false" for key in row.later)
+        why = f"it is of an rths without {' and '.join(row.later)}, which is decided now; {as_then} plays it as then"
     screen.message(f"the metrics are not those of row {row.number} of {row.path}: {differences[0]}{more}; {why}")
     return True
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import glob
 import os
+import platform
 import re
 import stat
 from collections.abc import Iterator
@@ -28,9 +29,15 @@ def sync(path: Path) -> None:
         os.close(file)
 
 
-def part_of(path: Path) -> Path:
-    """Return the name under which this process writes a file before it is whole."""
-    return path.with_name(f".{path.name}.{os.getpid()}.part")
+def part_of(path: Path, process: int | None = None) -> Path:
+    """Return the name under which a process of this machine, None: this one, writes a file before it is whole:
+    `.NAME.HOST-PID.part`."""
+    return path.with_name(f".{path.name}.{_host()}-{process or os.getpid()}.part")
+
+
+def _host() -> str:
+    """Return the name of this machine without dots: folders are shared by several, which count processes anew."""
+    return re.sub("[^A-Za-z0-9-]", "-", platform.node())
 
 
 @contextmanager
@@ -51,10 +58,11 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove what killed processes left of this file (`.NAME.PID.part`): parts whose process is gone."""
+    """Remove what killed processes of this machine left of this file: parts whose process is gone. Whether one of
+    another machine still writes cannot be known here."""
     for part in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
-        number = part.name.split(".")[-2]
-        if re.fullmatch("[0-9]{1,9}", number) and not _is_alive(int(number)):
+        host, _, number = part.name.split(".")[-2].rpartition("-")
+        if host == _host() and re.fullmatch("[0-9]{1,9}", number) and not _is_alive(int(number)):
             with suppress(OSError):
                 part.unlink()
 

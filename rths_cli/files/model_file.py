@@ -22,7 +22,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files import hdf5_safety as layout
-from rths_cli.files.durable_files import make_folder, open_regular
+from rths_cli.files.durable_files import make_folder, open_regular, part_of
 from rths_cli.files.hdf5 import Dataset, numbers, write_group
 from rths_cli.files.hdf5_heaps import check_image
 from rths_cli.files.result_writer import Attribute, refusal
@@ -156,7 +156,7 @@ def _block(after: bytes) -> bytes:
 
 def _publish(path: Path, image: bytes) -> None:
     """Write bytes under a temporary name and rename; whatever happens, no part stays unless the process is killed."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = part_of(path)
     try:
         with open(part, "wb") as file:
             file.write(image)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import open_regular, sync
+from rths_cli.files.durable_files import open_regular, part_of, sync
 from rths_cli.files.result_writer import Attribute, check_writable, refusal
 from rths_cli.files.staged_file import allocate
 from rths_cli.numerics.lti import Array
@@ -295,7 +295,7 @@ def _begun(path: Path, start: bytes, size: int) -> int:
         advice = "rths recover makes a result of it; then remove it, or choose another --output folder."
         raise InputError(f"{path}: exists and may hold the samples of an interrupted run; {advice}")
     check_writable(path.parent, size)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = part_of(path)
     try:
         file = os.open(part, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
     except OSError as error:

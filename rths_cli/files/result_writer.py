@@ -2,8 +2,8 @@
 
 A file is written under a temporary name in its own folder and renamed when it is finished, so a file with the
 final name is never half a file. Until then its status says `interrupted`, and every group is flushed: what a
-killed process leaves behind (`.NAME.h5.PID.part`) opens and says how it ended. A file that will be added to once the
-table is at rest is finished as `interrupted`, and a writer that `continues` it works on a copy. One that was parked
+killed process leaves behind (`.NAME.h5.HOST-PID.part`) opens and says how it ended. A file that will be added to once
+the table is at rest is finished as `interrupted`, and a writer that `continues` it works on a copy. One that was parked
 while a table moved and fails after that keeps what it holds, and says why.
 """
 
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import make_folder, remove_leftovers, sync
+from rths_cli.files.durable_files import make_folder, part_of, remove_leftovers, sync
 from rths_cli.files.hdf5 import Dataset, add_text, as_declared, scales_of, write_group
 from rths_cli.files.staged_file import StagedFile, signals_held
 from rths_cli.numerics.lti import Array
@@ -60,7 +60,7 @@ class ResultWriter:
     ) -> None:
         _check_attributes(attributes)
         self.path = Path(path)
-        self.part = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
+        self.part = part_of(self.path)
         self._attributes = dict(attributes)
         self._continues = continues
         self._expendable = continues or not lasting  # the part, when its writing fails

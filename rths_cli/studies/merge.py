@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,6 +25,7 @@ SAME = {
     "plan_sha256": "a sweep of another case, grid or options",
     "software_sha256": "a sweep by another version of rths, Python, numpy, scipy or numba",
 }
+Stamp = tuple[int, int, int] | None
 SHOWN = 5  # ranges of rows in a sentence
 
 
@@ -31,17 +33,18 @@ def merge_parts(paths: Sequence[Path], output: Path, replaces: bool, command_lin
     """Write the sweep of all parts, and return it and whether it took the place of a file.
 
     Raises InputError, and writes nothing, where a file is no part, parts are of different sweeps or software, a row is
-    in two of them, or one is in none.
+    in two of them, or one is in none, or a part is written anew meanwhile.
     """
     if any(output.resolve() == path.resolve() for path in paths):
         raise InputError(f"--output {output}: is one of the parts; give it a name of its own")
+    seen = {path: _stamp(path) for path in paths}
     parts = {path: read_head(path) for path in paths}
     faults = list(_faults(parts))
     if faults:
         raise InputError(*faults)
     replaced = check_existing([(output, Kind.SWEEP)], replaces)
     check_writable(output.parent, sum(path.stat().st_size for path in parts))
-    sweep = _joined(parts, command_line)
+    sweep = _joined(parts, seen, command_line)
     write_sweep(output, sweep)
     return sweep, bool(replaced)
 
@@ -105,7 +108,26 @@ def _shapes(part: Head) -> dict[str, tuple[int, ...]]:
     return {path: figure.shape for path, figure in part.figures.items()}
 
 
-def _joined(parts: dict[Path, Head], command_line: str) -> Sweep:
+def _stamp(path: Path) -> Stamp:
+    """Return what tells a file from one that took its place, None where there is none."""
+    try:
+        about = path.stat()
+    except OSError:
+        return None
+    return about.st_ino, about.st_size, about.st_mtime_ns
+
+
+@contextmanager
+def _as_seen(path: Path, seen: Stamp) -> Iterator[None]:
+    """Raise InputError, whatever else the body raises, where the file is not the one that was seen."""
+    try:
+        yield
+    finally:
+        if _stamp(path) != seen:
+            raise InputError(f"{path}: was written anew or removed while it was read; join the parts again")
+
+
+def _joined(parts: dict[Path, Head], seen: dict[Path, Stamp], command_line: str) -> Sweep:
     """Return the sweep of parts that hold every row once. One column of one part is in memory beside it."""
     first, *_ = parts.values()
     runs = int(first.attributes["grid_points"]) * first.seeds_per_point
@@ -118,7 +140,8 @@ def _joined(parts: dict[Path, Head], command_line: str) -> Sweep:
         def keep(name: str, values: NDArray[Any], place: NDArray[np.int64] = place) -> None:
             whole[name][place] = values
 
-        read_columns(path, keep)
+        with _as_seen(path, seen[path]):
+            read_columns(path, keep)
     ends: dict[str, Attribute] = {
         "created_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "command_line": command_line,

@@ -23,13 +23,16 @@ if TYPE_CHECKING:
 
 ORIGIN = ("case_file", "settings", "settings_folder", "values_folder")
 SAME = 1e-9  # relative: a sweep filters by another program than a run
+LATER = ("controller.reaction_feedforward", "controller.friction_compensation")
+"""Keys with a default that decides; the case of a sweep by an rths without them does not state them."""
 WHOLE = 2.0**53  # numbers up to it are whole where they have no fraction
 
 
 @dataclass(frozen=True)
 class SweptRow:
     """One row of a sweep: its file and number, its case, the seed of the session that it is played in, what overrode
-    the check, and its figures by path, a number or one per storey (n_storeys,), NaN where it has none."""
+    the check, its figures by path, a number or one per storey (n_storeys,), NaN where it has none, and the keys that
+    are decided now and were not there when it was swept."""
 
     path: Path
     number: int
@@ -37,6 +40,7 @@ class SweptRow:
     session_seed: int
     overrides: tuple[str, ...]
     figures: dict[str, Array]
+    later: tuple[str, ...] = ()
 
     def differences(self, result: Result) -> list[str]:
         """Return a sentence for each figure of the row that a result has otherwise."""
@@ -75,9 +79,10 @@ def read_row(path: Path, number: int, settings: Sequence[str] = ()) -> SweptRow:
     named = load_written(written, shared, placed)
     last = PlacedSettings([f"seed={sweep.seed[number - 1]}", f"name={named.name}-row{number}", *settings])
     case = load_written(written, shared, placed, last)
-    return SweptRow(
-        path, number, case, named.seed, tuple(str(about.get("overrides", "")).split()), _figures(sweep, number)
-    )
+    overrides = tuple(str(about.get("overrides", "")).split())
+    given = {setting.partition("=")[0] for setting in settings}
+    later = tuple(key for key in LATER if f" {key.partition('.')[2]}:" not in sweep.resolved_yaml and key not in given)
+    return SweptRow(path, number, case, named.seed, overrides, _figures(sweep, number), later)
 
 
 def _texts(path: Path, text: str) -> list[str]:

@@ -156,6 +156,7 @@ def _play(
                 watcher.message(f"{kept} of {count} runs are kept; the same command with --resume goes on")
             else:
                 file.remove()
+                watcher.message(f"none of {count} runs had ended, nothing is kept; the same command begins anew")
             raise
         sweep = as_sweep(points, begun, rows, None if request.part is None else variants)
         write_sweep(begun.path, sweep)

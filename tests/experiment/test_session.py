@@ -4,30 +4,38 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
-from rths_cli.experiment import model_verification, session
+from rths_cli.experiment import model_verification, run_command, session
 from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import save
 from rths_cli.experiment.rig_access import EXP_RTHS, IDENTIFICATION, PROBE, SHAKE_TABLE, VERIFICATION, session_of
 from rths_cli.experiment.run_case import run_case
-from rths_cli.experiment.session import with_session
+from rths_cli.experiment.run_command import Request, run_batch
+from rths_cli.experiment.session import session_key, with_session
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import SessionChange
 from rths_cli.rigs.from_case import true_values_of_run
 from rths_cli.studies import sweep_runs
+from rths_cli.studies.engines import Engine
+from rths_cli.studies.row_of_sweep import read_row
+from rths_cli.studies.study_plan import Asked
+from rths_cli.studies.sweep import SweepRequest, run_sweep
 from rths_cli.studies.sweep_runs import Shared, play_variant
 from rths_cli.studies.sweep_table import flat, kept_columns
 
+WATCHED = ("doing", "message", "warning", "started", "ended", "confirm")  # of what is told of runs
 PER_RUN = "channels.gain_change_between_runs"
 LATER = "table.after_identification.command_skew_s=1e-4"
+DRAWN = "table.imperfections.laboratory=4"  # one laboratory for all seeds
 QUICK = ("table=aps400_laboratory", "identification.duration_s=60", "sample_rate_hz=1000", "seed=4")
 
 
@@ -175,6 +183,37 @@ def test_a_row_of_a_sweep_has_the_metrics_of_the_run(
     assert row.figures == pytest.approx(flat(kept, 3, read_result(path).metrics), rel=1e-9, abs=0.0, nan_ok=True)
     other = replace(setup_of(*QUICK[:-1], "seed=5"), session_seed=setup.case.seed)
     assert session_of(other, (EXP_RTHS,), 5) == session_of(setup, (EXP_RTHS,), 5)
+
+
+def test_a_row_of_a_drifting_laboratory_is_run_in_the_session_of_its_sweep(
+    laboratory: tuple[Setup, Memory, Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `rths run --from` does; without the sweep's session the channels have drifted elsewhere."""
+    _, memory, _, _ = laboratory
+    for module in (sweep_runs, run_command):
+        monkeypatch.setattr(module, "Memory", lambda *_: memory)
+    alone, silent = ("check", "model"), SimpleNamespace(**dict.fromkeys(WATCHED, lambda *_: None))
+    asked = Asked("el_centro_low_ff_fb", (*QUICK, DRAWN), (), "5:5")
+    request = SweepRequest(asked, tmp_path / "s.h5", None, Engine("inline"), True, False, "test", alone)
+    run_sweep(request, silent)  # type: ignore[arg-type]
+    row = read_row(tmp_path / "s.h5", 1, ("runs=[sim, sim_delay, exp_rths]",))
+    assert (row.case.seed, row.session_seed, row.overrides) == (5, 4, alone)
+
+    def differences(session_seed: int | None) -> list[str]:
+        request = Request(
+            (row.case,), (), tmp_path / str(session_seed), True, "test", row.overrides, session_seed=session_seed
+        )
+        (ended,) = run_batch(request, silent)  # type: ignore[arg-type]
+        assert ended.path is not None
+        return row.differences(read_result(ended.path))
+
+    assert differences(row.session_seed) == []
+    assert differences(None) != []
+
+
+def test_the_session_is_that_of_the_sweep_not_of_the_row() -> None:
+    row, case = (setup_of(*QUICK[:-1], DRAWN, f"seed={seed}") for seed in (5, 4))
+    assert session_key(row) != session_key(case) == session_key(replace(row, session_seed=4))
 
 
 def test_points_of_a_sweep_in_other_sessions_share_no_blocks() -> None:

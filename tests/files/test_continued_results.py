@@ -14,6 +14,7 @@ import xarray
 
 from rths_cli.errors import InputError
 from rths_cli.files import result_writer
+from rths_cli.files.durable_files import part_of
 from rths_cli.files.result_reader import ResultWriter, read_result, read_series
 
 N = 3000
@@ -195,7 +196,7 @@ def test_what_is_not_there_cannot_be_continued(tmp_path: Path) -> None:
 def test_what_an_earlier_process_left_of_a_hardware_run_survives_a_resumed_one(tmp_path: Path) -> None:
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    left = tmp_path / f".a.h5.{dead.pid}.part"
+    left = part_of(tmp_path / "a.h5", dead.pid)
     left.write_bytes(b"samples of an earlier run")
     with ResultWriter(tmp_path / "a.h5", {"rig_kind": "udp", "case_name": "a"}, lasting=True) as writer:
         writer.park("it moves")

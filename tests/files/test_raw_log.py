@@ -17,6 +17,7 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.files import raw_log
+from rths_cli.files.durable_files import part_of
 from rths_cli.files.raw_log import (
     RawHeader,
     RawLogWriter,
@@ -167,7 +168,7 @@ def test_whoever_sees_a_log_sees_its_header(tmp_path: Path, monkeypatch: pytest.
     with pytest.raises(KeyboardInterrupt):
         RawLogWriter(path, HEADER)
     ((written, names),) = seen
-    assert written == packed_header(HEADER) and names == [f".a.rthslog.{os.getpid()}.part"]
+    assert written == packed_header(HEADER) and names == [part_of(tmp_path / "a.rthslog").name]
     assert os.listdir(tmp_path) == []
 
 

@@ -16,6 +16,7 @@ import pytest
 import xarray
 
 from rths_cli.errors import InputError
+from rths_cli.files.durable_files import part_of
 from rths_cli.files.result_reader import ResultWriter, check_writable, read_dataset, read_result, read_series
 from rths_cli.quantities import DATASETS, Interval
 
@@ -446,13 +447,15 @@ def test_a_missing_dataset_is_named_with_what_there_is(written):
 def test_what_a_killed_process_left_is_removed_but_a_living_ones_part_stays(tmp_path: Path) -> None:
     dead = subprocess.Popen([sys.executable, "-c", "pass"])
     dead.wait()
-    stale, alive = tmp_path / f".a.h5.{dead.pid}.part", tmp_path / ".a.h5.1.part"
-    other = tmp_path / f".b.h5.{dead.pid}.part"
-    for part in (stale, alive, other):
+    stale, alive = part_of(tmp_path / "a.h5", dead.pid), part_of(tmp_path / "a.h5", 1)
+    other = part_of(tmp_path / "b.h5", dead.pid)
+    elsewhere = stale.with_name(stale.name.replace(".a.h5.", ".a.h5.other-"))
+    for part in (stale, alive, other, elsewhere):
         part.write_bytes(b"left")
     with ResultWriter(tmp_path / "a.h5", {"rig_kind": "virtual"}) as writer:
         writer.finish("complete")
     assert not stale.exists() and alive.exists() and other.exists()
+    assert elsewhere.exists()  # a process of another machine that shares the folder may write it
 
 
 def test_a_file_that_does_not_say_how_it_ended_is_refused(tmp_path: Path) -> None:

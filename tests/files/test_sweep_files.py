@@ -15,6 +15,7 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.files import sweep_file
+from rths_cli.files.durable_files import part_of
 from rths_cli.files.sweep_file import Figure, RowsFile, Sweep, read_rows, read_sweep, rows_path, write_csv, write_sweep
 
 VALUES = [0.1, 1 / 3, 5e-324, -1.7976931348623157e308, float("inf"), float("nan"), -0.0]
@@ -198,7 +199,7 @@ def test_what_a_killed_process_left_of_the_table_is_removed(tmp_path: Path) -> N
     """A kill while the table is written: the sweep goes on in another process, whose part has another name."""
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
-    left, others = (tmp_path / f".x.h5.{number}.part" for number in (gone.pid, os.getppid()))
+    left, others = (part_of(tmp_path / "x.h5", number) for number in (gone.pid, os.getppid()))
     for path in (left, others):
         path.touch()
     write_sweep(tmp_path / "x.h5", made())

@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Future
 from dataclasses import replace
 from pathlib import Path
@@ -20,8 +21,8 @@ from campaigns.study_interruptions import CASE, datasets, write_case
 
 from rths_cli.case.load import PlacedSettings, written_case
 from rths_cli.errors import InputError
-from rths_cli.files.sweep_file import read_part, read_sweep, rows_path
-from rths_cli.studies import engines, rows_elsewhere
+from rths_cli.files.sweep_file import read_columns, read_part, read_sweep, rows_path
+from rths_cli.studies import engines, merge, rows_elsewhere
 from rths_cli.studies import sweep as sweep_workflow
 from rths_cli.studies.engines import Engine, Workers, WorkersLostError, play_all
 from rths_cli.studies.merge import merge_parts
@@ -135,6 +136,19 @@ def test_parts_in_any_order_give_the_bytes_of_the_whole(
         for name in ("status_reason", "exit_code", "plan_sha256", "seeds", "grid_points"):
             assert sweep.attributes[name] == inline.sweep.attributes[name], name
     assert "part" not in read_sweep(tmp_path / "m.h5").attributes
+    with monkeypatch.context() as patch:
+
+        def while_written(path: Path, keep: Callable[[str, np.ndarray], None]) -> None:
+            """The part is written anew, with as many other rows, after its head was read."""
+            shutil.copyfile(parts[1], tmp_path / "new.h5")
+            os.replace(tmp_path / "new.h5", path)
+            read_columns(path, keep)
+
+        patch.setattr(merge, "read_columns", while_written)
+        shutil.copyfile(parts[0], tmp_path / "live.h5")
+        with pytest.raises(InputError, match=r"live\.h5: was written anew or removed while it was read"):
+            merge_parts([tmp_path / "live.h5", *parts[1:]], tmp_path / "none.h5", True, "test")
+    assert not (tmp_path / "none.h5").exists()
 
     def refused(*paths: Path) -> str:
         with pytest.raises(InputError) as caught:

@@ -33,6 +33,7 @@ samples: {count: 1, seed: 3}
 seeds: {first: 4, last: 5}
 metrics: [check.gain_margin]
 """
+OF_LATER = ("reaction_feedforward", "friction_compensation")
 SILENT = SimpleNamespace(doing=lambda text: None, message=lambda text: None)
 
 
@@ -82,6 +83,23 @@ def test_the_command_says_that_the_metrics_are_the_same_or_not(folder: Path, tmp
     words += [str(tmp_path / "two"), "--set", "scaling=0.2", "--quiet"]
     other = CliRunner().invoke(cli, words, standalone_mode=False)
     assert other.return_value == 1 and "the metrics are not those of row 1" in other.stderr
+
+
+def test_a_row_of_a_sweep_before_keys_that_are_decided_now_says_how_to_play_it_as_then(
+    folder: Path, tmp_path: Path
+) -> None:
+    assert read_row(folder / "s.h5", 1).later == ()
+    old, off = tmp_path / "old.h5", "controller.reaction_feedforward=false"
+    old.write_bytes((folder / "s.h5").read_bytes())
+    with h5py.File(old, "r+") as file:
+        lines = file["case_resolved"].asstr()[()].splitlines(keepends=True)
+        file["case_resolved"][()] = "".join(line for line in lines if not any(key in line for key in OF_LATER))
+        file["exp_rths.rms_error_m_s2"][0, 0] *= 1.01
+    assert read_row(old, 1).later == tuple(f"controller.{key}" for key in OF_LATER)
+    words = ["run", "--from", str(old), "--row", "1", "--set", "runs=[exp_rths]", "--set", off, "--output"]
+    done = CliRunner().invoke(cli, [*words, str(tmp_path / "r")], standalone_mode=False)
+    said = "an rths without controller.friction_compensation, which is decided now; --set controller.friction_compens"
+    assert done.return_value == 1 and said in done.stderr
 
 
 @pytest.mark.parametrize(

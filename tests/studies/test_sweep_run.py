@@ -206,6 +206,20 @@ def test_the_number_of_threads_changes_no_byte(worn: tuple[SweepRequest, Swept],
     assert datasets(tmp_path / "s.h5") == datasets(worn[1].path)
 
 
+def test_a_sweep_that_is_interrupted_before_its_first_row_says_that_it_begins_anew(
+    worn: tuple[SweepRequest, Swept], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    watcher, request = Watcher(), replace(worn[0], output=tmp_path / "s.h5", engine=Engine("inline"))
+    monkeypatch.setattr(sweep_workflow, "_rows", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(request, watcher)
+    assert watcher.messages[-1] == "none of 6 runs had ended, nothing is kept; the same command begins anew"
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_interrupted_sweep_goes_on_where_it_was_and_gives_the_same(
     worn: tuple[SweepRequest, Swept], tmp_path: Path
 ) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import make_folder
+from rths_cli.files.durable_files import make_folder, part_of
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_safety import LayoutError, check_storage, held, part, size_of, values_of
@@ -37,7 +37,7 @@ def write_recording(path: Path, recording: Recording) -> None:
     The file appears under its name only when it is whole. Raises InputError where the disk refuses.
     """
     path = Path(path)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = part_of(path)
     try:
         make_folder(path.parent)
         with new_hdf5(part) as file:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import remove_leftovers
+from rths_cli.files.durable_files import part_of, remove_leftovers
 from rths_cli.files.result_listing import Outline, read_group, read_groups, read_outlines
 from rths_cli.files.result_reader import Dataset, Result, read_checked
 from rths_cli.files.result_writer import refusal
@@ -109,11 +109,11 @@ class Target:
 
 
 def write_all(targets: Sequence[Target], tell: Tell = lambda _: None) -> None:
-    """Write files under temporary names (`.NAME.PID.part`) and rename them when all are complete.
+    """Write files under temporary names (`part_of`) and rename them when all are complete.
 
     Raises InputError with path and cause if one cannot be written; then, and after a signal, no file is left behind.
     """
-    parts = [target.path.with_name(f".{target.path.name}.{os.getpid()}.part") for target in targets]
+    parts = [part_of(target.path) for target in targets]
     try:
         for target, part in zip(targets, parts, strict=True):
             remove_leftovers(target.path)

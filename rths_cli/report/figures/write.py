@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import make_folder
+from rths_cli.files.durable_files import make_folder, part_of
 from rths_cli.files.existing_files import Kind, check_existing, replaced_sentence
 from rths_cli.files.result_reader import Result
 from rths_cli.files.sweep_file import Sweep
@@ -181,7 +181,7 @@ def _write(
                 report(f"{source}: figure {name} is left out: {reason}")
                 continue
             path = folder / f"{stem}-{name}.{form}"
-            parts[path] = path.with_name(f".{path.name}.{os.getpid()}.part")
+            parts[path] = part_of(path)
             with _told(path):
                 parts[path].write_bytes(image)
         for path, part in parts.items():

@@ -42,7 +42,6 @@ class TrueError:
     median: Array
     bound: Array  # not exceeded with 95 %
     calibration: Array  # root mean square of the part by the calibration
-    own: OwnError  # without regard to calibration
     drawn: Array  # (draws, n_storeys) of the distribution
 
     def rank(self, error: Array) -> Array:
@@ -141,7 +140,7 @@ def true_error(known: Sensitivities, found: Calibration, own: OwnError) -> TrueE
     drawn = known.drawn(found.covariance, own)
     parts = np.einsum("spq,pq->s", known.gram, found.covariance)
     return TrueError(
-        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), own, drawn,
+        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), drawn,
     )  # fmt: skip
 
 

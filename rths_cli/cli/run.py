@@ -150,7 +150,7 @@ def _differs(row: SweptRow, path: Path, screen: Screen, quiet: int) -> bool:
     why = "a file that the case names, a setting or rths is not what it was"
     if row.later:
         as_then = " ".join(f"--set {key}=false" for key in row.later)
-        why = f"it is of an rths without {' and '.join(row.later)}, which is decided now; {as_then} plays it as then"
+        why = f"it is of an rths without {' and '.join(row.later)}, which is decided now; {as_then} decides it as then"
     screen.message(f"the metrics are not those of row {row.number} of {row.path}: {differences[0]}{more}; {why}")
     return True
 

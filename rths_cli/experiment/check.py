@@ -109,14 +109,17 @@ def judge(setup: Setup, identified: Identification, design: Design, shared: Shar
 
 def _judge_sample(setup: Setup, sample: Identification, design: Design, shared: SharedValues, number: int) -> Judged:
     try:
-        return _judge_one(setup, sample, design, shared)
+        return _judge_one(setup, sample, design, shared, nominal=False)
     except InputError as error:
         faults = (f"sample {number} of the identified model: {fault}" for fault in error.faults)
         raise InputError(*faults) from error
 
 
-def _judge_one(setup: Setup, identified: Identification, design: Design, shared: SharedValues) -> Judged:
-    """Check a case's hybrid test on one member of the identified model, without its samples."""
+def _judge_one(
+    setup: Setup, identified: Identification, design: Design, shared: SharedValues, nominal: bool = True
+) -> Judged:
+    """Check a case's hybrid test on one member of the identified model, without its samples; the true error is that of
+    the `nominal` one."""
     setup = setup.calibrated(identified)
     dt, whole, as_designed = setup.rig.dt_s, with_laws(setup, identified, design), design
     design = replace(design, blocks=design.blocks.linearised())
@@ -154,7 +157,7 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
         largest = 0.0
     elif whole.has_laws:  # its response does not grow with the record: only this scaling was simulated
         largest = min(largest, 0.0 if simulated is None or simulated.faults else setup.case.scaling)
-    true, remedy, shown = (None, None, 0.0) if stable is None else _true_error(
+    true, remedy, shown = (None, None, 0.0) if stable is None or not nominal else _true_error(
         setup, identified, design.blocks, known, stable
     )
     friction = identified.friction.command_v if identified.friction else 0.0

@@ -11,7 +11,8 @@ costs next to nothing, and all noise of the samples is in the base shear. At sma
 converters, that noise is most of the error. A filter with less process noise and a lower `residual_hz` takes the base
 shear from the table's motion and the identified specimen instead. It pays where the specimen is known better than the
 floors are measured. Each filter of a list is judged by the check's predicted error together with the error that a
-specimen would cause which changes between identification and test by `uncertainty.specimen` of the rig.
+specimen would cause that is off by its standard uncertainty: that of the identified stiffness, and its change between
+identification and test by `uncertainty.specimen` of the rig.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ def merge_parts(paths: Sequence[Path], output: Path, replaces: bool, command_lin
     if faults:
         raise InputError(*faults)
     replaced = check_existing([(output, Kind.SWEEP)], replaces)
-    check_writable(output.parent, sum(path.stat().st_size for path in parts))
+    check_writable(output.parent, sum(stamp[1] for stamp in seen.values() if stamp is not None))
     sweep = _joined(parts, seen, command_line)
     write_sweep(output, sweep)
     return sweep, bool(replaced)
@@ -120,11 +120,15 @@ def _stamp(path: Path) -> Stamp:
 @contextmanager
 def _as_seen(path: Path, seen: Stamp) -> Iterator[None]:
     """Raise InputError, whatever else the body raises, where the file is not the one that was seen."""
+    told = f"{path}: was written anew or removed while it was read; join the parts again"
     try:
         yield
-    finally:
+    except (InputError, OSError, ValueError, KeyError) as error:
         if _stamp(path) != seen:
-            raise InputError(f"{path}: was written anew or removed while it was read; join the parts again")
+            raise InputError(told) from error
+        raise
+    if _stamp(path) != seen:
+        raise InputError(told)
 
 
 def _joined(parts: dict[Path, Head], seen: dict[Path, Stamp], command_line: str) -> Sweep:

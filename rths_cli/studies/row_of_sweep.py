@@ -81,7 +81,10 @@ def read_row(path: Path, number: int, settings: Sequence[str] = ()) -> SweptRow:
     case = load_written(written, shared, placed, last)
     overrides = tuple(str(about.get("overrides", "")).split())
     given = {setting.partition("=")[0] for setting in settings}
-    later = tuple(key for key in LATER if f" {key.partition('.')[2]}:" not in sweep.resolved_yaml and key not in given)
+    read = case.method == "best" and case.controller.kind != "none"
+    later = tuple(
+        key for key in LATER if read and f" {key.partition('.')[2]}:" not in sweep.resolved_yaml and key not in given
+    )
     return SweptRow(path, number, case, named.seed, overrides, _figures(sweep, number), later)
 
 

@@ -6,7 +6,8 @@ Rigs, buildings and records are those of `preflight.py`, controllers with feedfo
 identification the specimen has 0.5 to 1 of its stiffness, or its storeys yield at 1/1.2 to 1/6 of their linear peak
 drift. The case states `check.specimen_range: [0.5, 1]`. Each test is checked, and played whatever the verdict, with
 both `controller.reaction_feedforward` and `controller.friction_compensation` off, on, and automatic, each with the
-design that a run gets. Printed: verdict, outcome, and the worst storey's error in percent of SIM of the specimen as it is.
+design that a run gets. Printed: verdict, outcome, and the worst storey's error in percent of SIM of the specimen as it
+is.
 """
 
 from __future__ import annotations

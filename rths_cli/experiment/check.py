@@ -157,8 +157,10 @@ def _judge_one(
         largest = 0.0
     elif whole.has_laws:  # its response does not grow with the record: only this scaling was simulated
         largest = min(largest, 0.0 if simulated is None or simulated.faults else setup.case.scaling)
-    true, remedy, shown = (None, None, 0.0) if stable is None or not nominal else _true_error(
-        setup, identified, design.blocks, known, stable
+    true, remedy, shown = (
+        (None, None, 0.0)
+        if stable is None or not nominal
+        else _true_error(setup, identified, design.blocks, known, stable)
     )
     friction = identified.friction.command_v if identified.friction else 0.0
     delayed = (

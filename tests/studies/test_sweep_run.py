@@ -213,7 +213,7 @@ def test_a_sweep_that_is_interrupted_before_its_first_row_says_that_it_begins_an
         raise KeyboardInterrupt
 
     watcher, request = Watcher(), replace(worn[0], output=tmp_path / "s.h5", engine=Engine("inline"))
-    monkeypatch.setattr(sweep_workflow, "_rows", interrupted)
+    monkeypatch.setattr(sweep_workflow, "executor_here", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_sweep(request, watcher)
     assert watcher.messages[-1] == "none of 6 runs had ended, nothing is kept; the same command begins anew"

@@ -64,6 +64,7 @@ def test_with_coarse_samples_the_specimen_is_trusted(tmp_path: Path, memory: Mem
     ("settings", "factor"),
     [
         (("kalman={q: 0.001, residual_hz: 0.4}", "controller.reaction_feedforward=false"), 1.005),
+        (("controller.reaction_feedforward=false",), 0.97),
         (("controller.reaction_feedforward=true",), 0.7),
         (("controller.reaction_feedforward=true",), 1.3),
     ],

@@ -1,10 +1,13 @@
-"""What many tests share: the default case, identified once per test process."""
+"""What many tests share: the default case, identified once per test process, and turns of those in real time."""
 
 from __future__ import annotations
 
 import gc
 import os
 import signal
+import sys
+import tempfile
+from collections.abc import Generator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,6 +44,19 @@ def pytest_collection_finish() -> None:
     """Leave what all tests share out of later garbage collections, which would look at it again every time."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Let one test that is marked `real_time` run at a time, of all test processes: each keeps processors busy
+    to be punctual, and what they do to one another is not what they test."""
+    if sys.platform != "linux" or item.get_closest_marker("real_time") is None:
+        return (yield)
+    import fcntl
+
+    with (Path(tempfile.gettempdir()) / f"rths_real_time_{os.getuid()}").open("w") as turn:
+        fcntl.flock(turn, fcntl.LOCK_EX)
+        return (yield)
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,10 @@ from pathlib import Path
 import pytest
 from warm_command import rths_words
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),
+    pytest.mark.real_time,
+]
 
 
 def doctor(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:

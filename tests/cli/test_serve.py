@@ -19,7 +19,10 @@ import pytest
 from rths_cli.experiment.serve_command import describe
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),
+    pytest.mark.real_time,
+]
 RTHS = [sys.executable, "-m", "rths_cli", "serve", "--port", "0"]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from further_channels import FIVE_AS_KEYS
-from serving_bench import Running
+from serving_bench import Running, leave_out_punctuality
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment import real_rig_readiness
@@ -21,11 +21,13 @@ from rths_cli.experiment.doctor_request import DoctorRequest, channels_request
 from rths_cli.experiment.rig_access import PROBE, open_virtual
 from rths_cli.experiment.serve_command import describe
 from rths_cli.experiment.setup import make_setup
-from rths_cli.identification import dropout_reconstruction
 from rths_cli.report.doctor_page import channels_page
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),
+    pytest.mark.real_time,
+]
 RATE = "sample_rate_hz=500"
 NOISE = {"table_displacement": 2e-5, "table_force": 0.05, "floor_3_acceleration": 0.01}
 NOISY = [
@@ -40,9 +42,8 @@ NAMES = ["table", "floor_2", "floor_3", "table_displacement", "table_force", "st
 @pytest.fixture(autouse=True)
 def unhurried(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave punctuality out: it is tested elsewhere."""
-    monkeypatch.setattr(real_rig_readiness, "rehearsed", lambda *given: None)
+    leave_out_punctuality(monkeypatch)
     monkeypatch.setattr(real_rig_readiness, "check_measured", lambda *given: None)
-    monkeypatch.setattr(dropout_reconstruction, "MOST_MISSING", 0.5)
     monkeypatch.chdir(tmp_path)
 
 

@@ -19,7 +19,10 @@ from rths_cli.loop import udp_target
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.key_file import make_secret
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),
+    pytest.mark.real_time,
+]
 MS = 1_000_000
 
 

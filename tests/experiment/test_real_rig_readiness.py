@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from declared_contents import declaration_faults
 from python_models import Inverse
-from serving_bench import Running
+from serving_bench import Running, leave_out_punctuality
 
 from rths_cli.case import plugin_rig_names
 from rths_cli.case.load import load_cases
@@ -43,7 +43,10 @@ from rths_cli.quantities.attributes import LINKED, REAL
 from rths_cli.rigs.udp.key_file import make_secret
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),
+    pytest.mark.real_time,
+]
 CASE = """
 structure: three_storey
 damping: low
@@ -96,8 +99,8 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the rehearsal out, which is a matter of timing, and most of the listening."""
-    monkeypatch.setattr(real_rig_readiness, "rehearsed", lambda setup, blocks, source: None)
+    """Leave out punctuality and most of the listening."""
+    leave_out_punctuality(monkeypatch)
     monkeypatch.setattr(real_rig_readiness, "LISTENING_S", 0.05)
 
 

@@ -26,7 +26,10 @@ from rths_cli.rigs.udp.key_file import make_secret
 from rths_cli.rigs.udp.session import sealed
 from rths_cli.rigs.udp.udp_rig import UdpRig
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),
+    pytest.mark.real_time,
+]
 AT_REST_M = 5e-4  # friction may hold the table off its centre, a thirtieth of what it moved by
 
 

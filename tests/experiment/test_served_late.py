@@ -26,7 +26,10 @@ from rths_cli.rigs.udp.session import sealed
 from rths_cli.rigs.udp.siphash import Words
 from rths_cli.rigs.udp.sockets import bound
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),
+    pytest.mark.real_time,
+]
 INTERVAL_NS = round(1e9 / RATE_HZ)
 SECRET, KEY = np.array([1, 2], np.uint64), np.array([3, 4], np.uint64)
 HOUR_NS = 3_600_000_000_000

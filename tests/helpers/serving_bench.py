@@ -9,9 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from rths_cli.experiment import real_rig_readiness
 from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
 from rths_cli.experiment.serve_command import ServedRig, Server
+from rths_cli.identification import dropout_reconstruction
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp.key_file import read_secret
@@ -21,6 +24,12 @@ from rths_cli.rigs.virtual.virtual_rig import virtual_rig
 
 RATE_HZ = 200.0
 WATCHDOG_S = 0.3  # a busy machine stops a test for a tenth of a second now and then
+
+
+def leave_out_punctuality(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have no rehearsal, and let most of a record be lost: a busy machine loses more than a laboratory accepts."""
+    monkeypatch.setattr(real_rig_readiness, "rehearsed", lambda *given: None)
+    monkeypatch.setattr(dropout_reconstruction, "MOST_MISSING", 0.9)
 
 
 class Running:

@@ -20,7 +20,10 @@ from rths_cli.loop import realtime_run as performance
 from rths_cli.loop.realtime_run import Performance, Performed, perform_watched, rehearse_watched
 from rths_cli.loop.step_arrays import NUMERICAL
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),
+    pytest.mark.real_time,
+]
 
 
 def slow_run(record: int = 1200) -> tuple[FaultyRig, Performance]:

@@ -19,7 +19,10 @@ from rths_cli.loop.step_arrays import EXCITATION
 from rths_cli.numerics.clock import REAL_TIME
 from rths_cli.numerics.lti import Array
 
-pytestmark = pytest.mark.skipif(not REAL_TIME, reason="real time needs Linux")
+pytestmark = [
+    pytest.mark.skipif(not REAL_TIME, reason="real time needs Linux"),
+    pytest.mark.real_time,
+]
 
 
 class Sitting:

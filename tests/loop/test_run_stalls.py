@@ -30,7 +30,10 @@ from rths_cli.rigs.udp.late_command_trajectory import Way, fresh_way, place_afte
 from rths_cli.rigs.udp.packets import COMMAND
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),
+    pytest.mark.real_time,
+]
 DT_S, SECRET, STALLS = 2e-3, bytes(range(16)), (1, 7, 20, 40, 1)
 
 

@@ -18,7 +18,10 @@ HERE = Path(__file__).parent
 RECORDING = HERE / "recorded_exchange.json.gz"  # made at commit 9bcb46c by recorded_exchange.py
 STEP_V = 20.0 / 2**16  # of the command converter
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),
+    pytest.mark.real_time,
+]
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,10 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 STRICT = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic")
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 PATIENT_NS = 5_000_000_000
-pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler here")
+pytestmark = [
+    pytest.mark.skipif(COMPILER is None, reason="no C compiler here"),
+    pytest.mark.real_time,
+]
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,10 @@ from rths_cli.rigs.udp import packets
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 COMPILER = shutil.which("cc") or shutil.which("gcc")
-pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler here")
+pytestmark = [
+    pytest.mark.skipif(COMPILER is None, reason="no C compiler here"),
+    pytest.mark.real_time,
+]
 SECRET, INTERVAL_NS = bytes(range(16)), 1_000_000
 MAIN = r"""
 #include <stdio.h>

@@ -311,7 +311,8 @@ class CaseKeys(Strict):
     session_record: Literal["automatic", "always", "never"] = Field(
         default="automatic",
         description="whether the table runs begin with the identification's record at low level, which shows what "
-        "sensors and converters have changed by since; automatic: on a rig that states uncertainties",
+        "sensors and converters have changed by since; automatic: on a rig whose sensitivities, AC corners, instants "
+        "or masses are uncertain, which is every one that does not state that they are not",
     )
     integration: Literal["exact", "cr", "newmark"] = Field(
         default="exact",

@@ -168,7 +168,8 @@ class UncertaintySpec(Strict):
     )
 
 
-EXACT = UncertaintySpec(corner=0.0, skew_s=0.0, mass=0.0, drift=0.0)
+CERTAIN = UncertaintySpec(corner=0.0, skew_s=0.0, mass=0.0, drift=0.0)  # the test has what the identification had
+VIRTUAL = UncertaintySpec(mass=0.0, drift=0.0)
 DECLARED = "standard uncertainties of what is declared; what the identification shows better, it corrects"
 
 
@@ -213,7 +214,9 @@ class VirtualRigSpec(RigSpec):
     channels: tuple[FurtherChannelSpec, ...] | None = Field(
         default=None, min_length=1, max_length=MOST_CHANNELS - 2, description=FURTHER
     )
-    uncertainty: UncertaintySpec = Field(default=EXACT, description=f"{DECLARED}; default: all 0")
+    uncertainty: UncertaintySpec = Field(
+        default=VIRTUAL, description=f"{DECLARED}; default of a virtual rig: of mass and drift 0"
+    )
     physics: VirtualPhysics = Field(default=VirtualPhysics(), description="what only the virtual table itself knows")
     after_identification: AfterIdentification = Field(
         default=AfterIdentification(), description="what changes on the rig after it was identified; 1 changes nothing"

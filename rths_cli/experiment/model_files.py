@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from rths_cli.case.resolve import VARIED
-from rths_cli.case.rig_schema import RealRigSpec, RigSpec
+from rths_cli.case.rig_schema import CERTAIN, RealRigSpec, RigSpec, UncertaintySpec
 from rths_cli.errors import InputError
 from rths_cli.experiment.model_datasets import from_groups, to_groups
 from rths_cli.experiment.provenance import git_commit, package_version
@@ -134,9 +134,10 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
 
 
 def _identified_rig(table: RigSpec) -> str:
-    """Return what of a rig file a model depends on; further channels and a usual uncertainty are no part of it."""
-    usual = type(table).model_fields["uncertainty"].default
-    beside = HARDWARE_ONLY | ({"uncertainty": True} if table.uncertainty == usual else {})
+    """Return what of a rig file a model depends on; further channels are no part of it, nor are the uncertainties that
+    a rig had by default when models began to depend on them: models of that time stay valid."""
+    first = UncertaintySpec() if isinstance(table, RealRigSpec) else CERTAIN
+    beside = HARDWARE_ONLY | ({"uncertainty": True} if table.uncertainty == first else {})
     if isinstance(table, RealRigSpec):
         own = table.model_copy(update={"channels": table.accelerometers or None})
         return own.model_dump_json(exclude=beside)

@@ -52,7 +52,8 @@ class Verdict:
     loop: LoopKnown | None = None  # inputs of the error budget; None: the loop is unstable or was not judged
     replay: Callable[[], Replayed] | None = None  # the test of storeys with laws for the budget; None: it has none
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
-    said: str = ""  # a sentence on the true error and what would lower its bound; "" where nothing is uncertain
+    said: str = ""  # a sentence on the true error; "" where nothing is uncertain
+    advice: str = ""  # a sentence on the measurement that would lower its bound; "" without one
     true_error: TrueError | None = None  # its distribution; None: sensors and masses are exactly as declared
 
     @property
@@ -140,21 +141,22 @@ def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, sha
     found = judged.preflight
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
     tangents = tuple(one.name for one in judged.tangents)
-    said = _on_true_error(setup, judged)
+    said, advice = _on_true_error(setup, judged)
     reasons, figures = (*faults, *found.reasons), check_figures(judged)
     return Verdict(
-        verdict, reasons, design, figures, judged.known, judged.replay, tangents, said, judged.true_error
+        verdict, reasons, design, figures, judged.known, judged.replay, tangents, said, advice, judged.true_error
     )  # fmt: skip
 
 
-def _on_true_error(setup: Setup, judged: Judged) -> str:
-    """Return a sentence on the true error at the worst storey, and on the measurement that would lower its bound most.
+def _on_true_error(setup: Setup, judged: Judged) -> tuple[str, str]:
+    """Return a sentence on the true error at the worst storey, and one on the measurement that would lower its bound
+    most, "" where there is none.
 
     Errors are given in percent of SIM-DELAY's, or of SIM's where that diverges.
     """
     uncertain, remedy = judged.true_error, judged.remedy
     if uncertain is None:
-        return ""
+        return "", ""
     scale, of_what = judged.sim_delay_rms_m_s2, "SIM-DELAY's error"
     if scale is None or not np.all(scale > 0.0):
         scale, of_what = judged.sim_rms_m_s2, "SIM's RMS"
@@ -166,7 +168,7 @@ def _on_true_error(setup: Setup, judged: Judged) -> str:
         "and masses as far as the identification did not calibrate them"
     )
     if remedy is None:
-        return told
+        return told, ""
     channels = setup.rig.channels
     if remedy.parameter < len(channels):
         name = channels[remedy.parameter].name
@@ -174,9 +176,9 @@ def _on_true_error(setup: Setup, judged: Judged) -> str:
     else:
         name = channels[1 + remedy.parameter - 3 * len(channels)].name
         what, option = f"weighing {name}", f"--mass {name}=KG"
-    return (
-        f"{told}; {what} to {100.0 * remedy.error:.2g} % would lower the bound to "
-        f"{share * remedy.bound[worst]:.2g} %: rths calibrate {shown(setup.case.path)} {option} takes it"
+    return told, (
+        f"{what} to {100.0 * remedy.error:.2g} % would lower the bound of the true error to "
+        f"{share * remedy.bound[worst]:.2g} % of {of_what}: rths calibrate {shown(setup.case.path)} {option} takes it"
     )
 
 
@@ -226,7 +228,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     )
     told = () if "model" in setup.overrides else known.found.reasons
     notes = tuple(note for note in of_case(setup, known.found, found.design) if note not in told)
-    notes = (*((found.said,) if found.said else ()), *notes)
+    notes = (*filter(None, (found.said, found.advice)), *notes)
     return Checked(_about(setup, known.source), found.verdict, found.reasons, notes, figures, found.tangents)
 
 

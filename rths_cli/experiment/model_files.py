@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from rths_cli.case.resolve import VARIED
-from rths_cli.case.rig_schema import CERTAIN, RealRigSpec, RigSpec, UncertaintySpec
+from rths_cli.case.rig_schema import CERTAIN, RealRigSpec, RigSpec, UncertaintySpec, VirtualRigSpec
 from rths_cli.errors import InputError
 from rths_cli.experiment.model_datasets import from_groups, to_groups
 from rths_cli.experiment.provenance import git_commit, package_version
@@ -81,8 +81,10 @@ def save(path: Path, setup: Setup, found: Identification, source: str, data_sha2
 def load(path: Path, setup: Setup) -> Stored:
     """Read a model file for a case's rig and specimen; raises InputError if it is damaged or belongs to others."""
     file = read_model(path)
-    faults = differences(file.attributes, identity(setup))
-    if faults:
+    wanted = identity(setup)
+    if file.attributes.get("rig_sha256") == _hash(_identified_rig(_certain(setup.case.table))):
+        wanted["rig_sha256"] = str(file.attributes["rig_sha256"])
+    if faults := differences(file.attributes, wanted):
         raise InputError(*(f"{shown(path)}: {fault}" for fault in faults))
     try:
         found = from_groups(file.groups, channel_names(setup))
@@ -131,6 +133,15 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
         "git_commit": git_commit(),
         **({} if (number := laboratory_number(case)) is None else {"laboratory": number}),
     }
+
+
+def _certain(table: RigSpec) -> RigSpec:
+    """Return a rig as a model of it was identified before virtual rigs were uncertain by default; other rigs as they
+    are."""
+    usual = (
+        isinstance(table, VirtualRigSpec) and table.uncertainty == VirtualRigSpec.model_fields["uncertainty"].default
+    )
+    return table.model_copy(update={"uncertainty": CERTAIN}) if usual else table
 
 
 def _identified_rig(table: RigSpec) -> str:

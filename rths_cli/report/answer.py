@@ -304,7 +304,7 @@ def verdict(result: Result) -> str:
         said += f" and {three(found.ratio)} of SIM-DELAY's (storey {found.ratio_storey})"
     cause = str(result.attributes.get("main_error_cause", CAUSES.get(found.cause, found.cause)))
     said += f", most of it by {cause}" if found.grade != GOOD and cause else ""
-    said += _true_error(result) or f", {IF_DECLARED}"
+    said += true_error.said if (true_error := _true_error(result)) else f", {IF_DECLARED}"
     if true := _as_it_is(result, found.percent):
         said += f"; {true}"
     if diverged := _diverged(result):
@@ -339,8 +339,15 @@ def _overridden(result: Result) -> str:
     return "" if checked == "safe" else checked
 
 
-def _true_error(result: Result) -> str:
-    """Return words on the distribution of the true error that the check stated, "" where it stated none."""
+class TrueErrorSaid(NamedTuple):
+    """Words on the distribution of the true error, and the storey that they name."""
+
+    said: str
+    storey: int
+
+
+def _true_error(result: Result) -> TrueErrorSaid | None:
+    """Return words on the distribution of the true error that the check stated, None where it stated none."""
     median, bound, error, percent = (
         np.atleast_1d(np.asarray(result.metrics.get(name, ()), dtype=float))
         for name in (
@@ -351,14 +358,15 @@ def _true_error(result: Result) -> str:
         )
     )
     if not (median.size and error.size and np.all(error > 0.0)):
-        return ""
+        return None
     shares = percent / error
     worst = int(np.argmax(bound * shares))
-    return (
+    said = (
         "; with sensors and masses as uncertain as stated, the true error is as likely as not below "
         f"{three(median[worst] * shares[worst])} %, with 95 % below {three(bound[worst] * shares[worst])} % "
         f"(storey {worst + 1})"
     )
+    return TrueErrorSaid(said, worst + 1)
 
 
 def _as_it_is(result: Result, percent: float) -> str:
@@ -496,7 +504,8 @@ def _errors(result: Result, storeys: Sequence[int]) -> Iterator[Column]:
 
 
 def shown_storeys(result: Result, run: str) -> list[int]:
-    """Return the storeys to show, from 0, the roof first: up to five all, else the three that drift most and the roof.
+    """Return the storeys to show, from 0, the roof first: up to five all, else the three that drift most, the roof and
+    those that the verdict names.
 
     Without drifts the storeys with the largest errors are shown.
     """
@@ -506,7 +515,18 @@ def shown_storeys(result: Result, run: str) -> list[int]:
     if sizes.size <= MOST_STOREYS:
         return list(range(sizes.size))[::-1]
     largest = np.argsort(-sizes, kind="stable")[:3].tolist()
-    return sorted({*largest, sizes.size - 1}, reverse=True)
+    return sorted({*largest, sizes.size - 1, *_named_storeys(result)}, reverse=True)
+
+
+def _named_storeys(result: Result) -> Iterator[int]:
+    """Yield the storeys, from 0, that the verdict names."""
+    if (found := grade(result)) is None:
+        return
+    yield found.storey - 1
+    if found.ratio is not None:
+        yield found.ratio_storey - 1
+    if (true_error := _true_error(result)) is not None:
+        yield true_error.storey - 1
 
 
 def _labels(result: Result, storeys: Sequence[int]) -> list[str]:

@@ -27,7 +27,7 @@ from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.identification.results import Identification
 
-SHORT = ("--set", "identification.duration_s=40")
+SHORT = ("--set", "identification.duration_s=40", "--set", "session_record=never")
 
 
 class Shown(NamedTuple):

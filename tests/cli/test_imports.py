@@ -140,7 +140,7 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("words", [("check", "el_centro_low_ff_fb"), ("run", "el_centro_low_ff_fb", "--quiet")])
 def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...], warm: Path) -> None:
-    modules = imported("", *words, cwd=warm)
+    modules = imported("", *words, "--set", "session_record=never", cwd=warm)
     unused = ("matplotlib", "rich", "control", "pandas", "asyncio")
     unused += (
         "rths_cli.identification.identify",

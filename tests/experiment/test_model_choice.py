@@ -239,6 +239,7 @@ def test_a_real_rig_is_never_excited_by_a_run(tmp_path: Path) -> None:
 def test_threads_that_ask_for_the_same_rig_have_it_identified_once(
     default_setup: Setup, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    setup = replace(default_setup, case=default_setup.case.model_copy(update={"session_record": "never"}))
     made: list[int] = []
 
     def measure(*_: object) -> object:
@@ -250,5 +251,5 @@ def test_threads_that_ask_for_the_same_rig_have_it_identified_once(
     monkeypatch.setattr("rths_cli.experiment.identify_on_rig.evaluated", lambda *_: len(made))
     memory = Memory()
     with ThreadPoolExecutor(3) as pool:
-        found = list(pool.map(lambda _: memory.known(default_setup, lambda _: None), range(3)))
+        found = list(pool.map(lambda _: memory.known(setup, lambda _: None), range(3)))
     assert [one.found for one in found] == [1, 1, 1]

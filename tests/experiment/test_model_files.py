@@ -95,7 +95,7 @@ def test_a_file_from_before_the_aliass_integral_was_known_has_none(default_ident
         name: {key: item.data for key, item in group.items()}
         for name, group in to_groups(default_identification, names).items()
     }
-    assert default_identification.best.coupling_hz == 0.024
+    assert default_identification.best.coupling_hz == pytest.approx(0.024, rel=0.1)
     assert dict(leaves(from_groups(groups, names).best)) == dict(leaves(default_identification.best))
     del groups["table/best"]["coupling_hz"]
     assert from_groups(groups, names).best.coupling_hz == 0.0
@@ -288,7 +288,7 @@ def datasets(path: Path) -> dict[str, bytes]:
 def test_a_run_with_a_kept_model_excites_nothing_and_equals_a_fresh_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    setup = setup_of("runs=[exp_rths]")
+    setup = setup_of("runs=[exp_rths]", "session_record=never")
     played: list[tuple[int, ...]] = []
     excite = identify_on_rig.excite
 
@@ -409,16 +409,16 @@ def of_another_rig(path: Path, found: Identification) -> None:
 )
 def test_a_spoilt_file_in_the_cache_is_replaced(
     cache_folder: Path,
-    default_setup: Setup,
     default_identification: Identification,
     excited: list[str],
     spoil: Callable[[Path, Identification], object],
 ) -> None:
     (kept,) = cache_folder.glob("*.h5")
     spoil(kept, default_identification)
-    known = Memory(Cache(folder=cache_folder)).known(default_setup, no_progress)
+    setup = setup_of("session_record=never")
+    known = Memory(Cache(folder=cache_folder)).known(setup, no_progress)
     assert excited == [CASE] and known.found is default_identification
-    again = Memory(Cache(folder=cache_folder)).known(default_setup, no_progress)
+    again = Memory(Cache(folder=cache_folder)).known(setup, no_progress)
     assert excited == [CASE] and again.source.startswith("cache")
 
 

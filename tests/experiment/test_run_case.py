@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from declared_contents import declaration_faults
-from made_up_check import OF_CALIBRATION, OF_LAWS
+from made_up_check import OF_LAWS
 from numpy.testing import assert_allclose
 
 from rths_cli.analysis.metrics import error_figures
@@ -194,13 +194,11 @@ def test_the_figures_known_beforehand_are_those_a_run_has(whole: Path) -> None:
     written = {path: per_storey for path, per_storey in metrics.items() if path.split(".")[0] in runs}
     known = metrics_of(*runs)
     real_rigs = ("_steps", ".longest_gap_s")
-    computed = {
-        path for path in known if not path.endswith(real_rigs) and not path.startswith((*OF_LAWS, *OF_CALIBRATION))
-    }
+    computed = {path for path in known if not path.endswith(real_rigs) and not path.startswith(OF_LAWS)}
     missing = {path for path in computed - set(written) if "_lost_" not in path}
     assert set(written) <= computed
     of_others = ("peak_drift_ratio", "ductility", "residual_drift_m", "restoring_work_j")  # with heights, or laws
-    others = ("residual_drift_change_m", "residual_drift_uncertainty_m", "base_shear_uncertainty", "true_error_rank")
+    others = ("residual_drift_change_m", "residual_drift_uncertainty_m", "base_shear_uncertainty")
     solved = ("sim", "sim_delay", "exp_rths")
     assert missing == {
         "sim_delay.diverged_at_s",

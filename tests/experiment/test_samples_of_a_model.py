@@ -63,21 +63,33 @@ def with_samples(found: Identification, *samples: Identification) -> Identificat
 
 
 @pytest.fixture(scope="module")
-def design(default_setup: Setup, default_identification: Identification) -> Design:
-    return design_blocks(default_setup, default_identification)
+def certain() -> Setup:
+    """Return the default case on a rig that is as declared: an uncertain one has a range of its own for true errors."""
+    settings = ("table.uncertainty={corner: 0, skew_s: 0, mass: 0, drift: 0}",)
+    return make_setup(load_cases([CASE], settings)[0])
 
 
 @pytest.fixture(scope="module")
-def several(default_identification: Identification) -> tuple[Identification, ...]:
-    return (stiffer(with_gain(default_identification, 1.02), 0.99), stiffer(default_identification, 1.03))
+def identified(certain: Setup, memory: Memory) -> Identification:
+    return memory.identify(certain, lambda _: None)
+
+
+@pytest.fixture(scope="module")
+def design(certain: Setup, identified: Identification) -> Design:
+    return design_blocks(certain, identified)
+
+
+@pytest.fixture(scope="module")
+def several(identified: Identification) -> tuple[Identification, ...]:
+    return (stiffer(with_gain(identified, 1.02), 0.99), stiffer(identified, 1.03))
 
 
 def test_every_figure_is_the_nominal_one_with_the_range_over_all_members(
-    default_setup: Setup, default_identification: Identification, design: Design, several: Sequence[Identification]
+    certain: Setup, identified: Identification, design: Design, several: Sequence[Identification]
 ) -> None:
     """Each member is judged on its own with the same blocks; no figure of a member is outside its interval."""
-    found = check_figures(judge(default_setup, with_samples(default_identification, *several), design))
-    each = [check_figures(judge(default_setup, member, design)) for member in (default_identification, *several)]
+    found = check_figures(judge(certain, with_samples(identified, *several), design))
+    each = [check_figures(judge(certain, member, design)) for member in (identified, *several)]
     assert set(found) == set(each[0]) == LINEAR
     differ = set()
     for path in set(found) - {"check.largest_scaling"}:
@@ -97,10 +109,10 @@ def test_every_figure_is_the_nominal_one_with_the_range_over_all_members(
 
 
 def test_a_model_without_other_samples_than_itself_is_judged_as_without_samples(
-    default_setup: Setup, default_identification: Identification, design: Design
+    certain: Setup, identified: Identification, design: Design
 ) -> None:
-    alone = judge(default_setup, default_identification, design)
-    doubled = judge(default_setup, with_samples(default_identification, default_identification), design)
+    alone = judge(certain, identified, design)
+    doubled = judge(certain, with_samples(identified, identified), design)
     assert (doubled.preflight.verdict, doubled.preflight.reasons) == (alone.preflight.verdict, alone.preflight.reasons)
     figures, others = check_figures(alone), check_figures(doubled)
     assert list(figures) == list(others) and not intervals_of(others) and not intervals_of(figures)
@@ -108,14 +120,14 @@ def test_a_model_without_other_samples_than_itself_is_judged_as_without_samples(
 
 
 def test_a_sample_with_an_unstable_loop_makes_the_verdict_unstable_and_says_how_many(
-    default_identification: Identification,
+    identified: Identification,
 ) -> None:
     setup = make_setup(load_cases([CASE], ["controller=FF"])[0])
-    design = design_blocks(setup, default_identification)
-    bad = late(default_identification, 24)
-    separate = [judge(setup, member, design).preflight for member in (default_identification, bad)]
+    design = design_blocks(setup, identified)
+    bad = late(identified, 24)
+    separate = [judge(setup, member, design).preflight for member in (identified, bad)]
     assert [one.verdict for one in separate] == [SAFE, UNSTABLE]
-    found = judge(setup, with_samples(default_identification, stiffer(default_identification, 1.01), bad), design)
+    found = judge(setup, with_samples(identified, stiffer(identified, 1.01), bad), design)
     assert found.preflight.verdict == UNSTABLE and found.known is not None  # the nominal loop has a budget
     assert found.preflight.reasons == (f"in 1 of 2 samples of the identified model: {separate[1].reasons[0]}",)
     figures = check_figures(found)
@@ -125,11 +137,11 @@ def test_a_sample_with_an_unstable_loop_makes_the_verdict_unstable_and_says_how_
 
 
 def test_a_record_too_large_for_some_samples_is_unsafe_in_the_words_of_the_worst(
-    default_identification: Identification,
+    identified: Identification,
 ) -> None:
     """A softer specimen makes the table move farther."""
-    members = (default_identification, stiffer(default_identification, 0.97), stiffer(default_identification, 0.94))
-    design = design_blocks(make_setup(load_cases([CASE])[0]), default_identification)
+    members = (identified, stiffer(identified, 0.97), stiffer(identified, 0.94))
+    design = design_blocks(make_setup(load_cases([CASE])[0]), identified)
 
     def at(scaling: float, found: Identification) -> Preflight:
         return judge(make_setup(load_cases([CASE], [f"scaling={scaling}"])[0]), found, design).preflight
@@ -150,9 +162,9 @@ def test_a_record_too_large_for_some_samples_is_unsafe_in_the_words_of_the_worst
 
 
 def test_a_sample_whose_building_has_no_sim_is_named(
-    default_setup: Setup, default_identification: Identification, monkeypatch: pytest.MonkeyPatch
+    certain: Setup, identified: Identification, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    usual, odd = REFERENCES[0], stiffer(default_identification, 1.02)
+    usual, odd = REFERENCES[0], stiffer(identified, 1.02)
 
     def unsolved(building: Building, dt_s: float, ground: Array) -> Response:
         if building.specimen is odd.specimen.specimen:
@@ -160,8 +172,8 @@ def test_a_sample_whose_building_has_no_sim_is_named(
         return usual.sim(building, dt_s, ground)
 
     monkeypatch.setattr(check, "reference_of", lambda building: replace(usual, sim=unsolved))
-    known = Known(with_samples(default_identification, stiffer(default_identification, 1.01), odd), "made up")
-    verdict = check_command.verdict_on(default_setup, known)
+    known = Known(with_samples(identified, stiffer(identified, 1.01), odd), "made up")
+    verdict = check_command.verdict_on(certain, known)
     assert verdict.verdict == UNSAFE
     assert verdict.reasons == (
         "sample 2 of the identified model: the building as identified: SIM: its storeys are too unlike",
@@ -169,14 +181,14 @@ def test_a_sample_whose_building_has_no_sim_is_named(
 
 
 def test_blocks_are_designed_from_the_nominal_model(
-    default_setup: Setup, default_identification: Identification, several: Sequence[Identification], design: Design
+    certain: Setup, identified: Identification, several: Sequence[Identification], design: Design
 ) -> None:
-    found = design_blocks(default_setup, with_samples(default_identification, *several))
+    found = design_blocks(certain, with_samples(identified, *several))
     assert pickle.dumps(found) == pickle.dumps(design)
 
 
-def test_what_cannot_be_judged_alike_is_no_sample(default_identification: Identification) -> None:
-    found, fit = default_identification, default_identification.specimen
+def test_what_cannot_be_judged_alike_is_no_sample(identified: Identification) -> None:
+    found, fit = identified, identified.specimen
     nested = with_samples(found, found)
     fewer = replace(found, specimen=replace(fit, natural_frequency_hz=fit.natural_frequency_hz[:1]))
     for sample, word in (
@@ -195,29 +207,25 @@ def setup_with(samples: OwnSamples, *settings: str, overrides: tuple[str, ...] =
 
 
 @pytest.fixture(scope="module")
-def files(
-    tmp_path_factory: pytest.TempPathFactory, default_setup: Setup, default_identification: Identification
-) -> dict[str, Path]:
+def files(tmp_path_factory: pytest.TempPathFactory, certain: Setup, identified: Identification) -> dict[str, Path]:
     """Return model files: the nominal model, a sample, and a sample that its identification rejected."""
     folder = tmp_path_factory.mktemp("samples")
-    sample = stiffer(default_identification, 1.02)
+    sample = stiffer(identified, 1.02)
     verdict = replace(sample.verdict, accepted=False, reasons=("made up to be bad",))
-    made = {"nominal": default_identification, "sample": sample, "rejected": replace(sample, verdict=verdict)}
+    made = {"nominal": identified, "sample": sample, "rejected": replace(sample, verdict=verdict)}
     for name, found in made.items():
-        save(folder / f"{name}.h5", default_setup, found, "made for this test", "0" * 64)
+        save(folder / f"{name}.h5", certain, found, "made for this test", "0" * 64)
     return {name: folder / f"{name}.h5" for name in made}
 
 
-def test_samples_come_from_model_files_or_a_function(
-    default_identification: Identification, files: dict[str, Path]
-) -> None:
+def test_samples_come_from_model_files_or_a_function(identified: Identification, files: dict[str, Path]) -> None:
     named = f"identification.model={files['nominal']}"
     alone = Memory().at_rest(setup_with((), named), lambda _: None)
     read = Memory().at_rest(setup_with((files["sample"],), named), lambda _: None)
     made = Memory().at_rest(setup_with(lambda nominal: [stiffer(nominal, 1.02)] * 2, named), lambda _: None)
     assert alone.found.samples == () and alone.source in read.source
     assert read.source.endswith("; with 1 sample of it") and made.source.endswith("; with 2 samples of it")
-    wanted = stiffer(default_identification, 1.02).specimen.specimen.K
+    wanted = stiffer(identified, 1.02).specimen.specimen.K
     for known, count in ((read, 1), (made, 2)):
         assert [sample.specimen.specimen.K.tobytes() for sample in known.found.samples] == [wanted.tobytes()] * count
 

@@ -35,6 +35,7 @@ from rths_cli.studies.sweep_table import flat, kept_columns
 WATCHED = ("doing", "message", "warning", "started", "ended", "confirm")  # of what is told of runs
 PER_RUN = "channels.gain_change_between_runs"
 LATER = "table.after_identification.command_skew_s=1e-4"
+CERTAIN = "table.uncertainty={corner: 0, skew_s: 0, mass: 0, drift: 0}"
 DRAWN = "table.imperfections.laboratory=4"  # one laboratory for all seeds
 QUICK = ("table=aps400_laboratory", "identification.duration_s=60", "sample_rate_hz=1000", "seed=4")
 
@@ -86,20 +87,20 @@ def test_the_bound_counts_what_is_left_of_the_drift(laboratory: tuple[Setup, Mem
 def test_a_converter_that_acts_later_than_at_the_identification_is_found(tmp_path: Path, memory: Memory) -> None:
     """100 us between the converters, on a stiff table: the alias of the held command is another."""
     ratios, runs = {}, "runs=[sim, sim_delay, exp_rths]"
-    for asked in ("always", "automatic"):
-        path = tmp_path / f"{asked}.h5"
-        played(setup_of(runs, LATER, f"session_record={asked}"), path, memory)
-        ratios[asked] = float(np.max(read_result(path).metrics["exp_rths.true_reference_ratio"]))
-    assert ratios["always"] <= 0.03 and ratios["automatic"] > 0.1  # a rig that is exactly as declared plays none
-    with h5py.File(tmp_path / "always.h5") as file:
+    for name, stated in (("usual", ()), ("certain", (CERTAIN,))):
+        path = tmp_path / f"{name}.h5"
+        played(setup_of(runs, LATER, *stated), path, memory)
+        ratios[name] = float(np.max(read_result(path).metrics["exp_rths.true_reference_ratio"]))
+    assert ratios["usual"] <= 0.02 and ratios["certain"] > 0.1  # where nothing is uncertain no record is played
+    with h5py.File(tmp_path / "usual.h5") as file:
         change, error = (float(file[f"session/ripple_change{end}_m_s2_per_v"][()]) for end in ("", "_error"))
         assert change == pytest.approx(2.5, abs=3.0 * error) and error < 0.04
         assert float(file["session/delay_change_s"][()]) == pytest.approx(1e-4, rel=0.1)
-    over = np.asarray(read_result(tmp_path / "always.h5").metrics["exp_rths.error_over_expected"])
+    over = np.asarray(read_result(tmp_path / "usual.h5").metrics["exp_rths.error_over_expected"])
     assert np.all(np.abs(np.log(over)) < np.log(1.5))
-    with h5py.File(tmp_path / "automatic.h5") as file:
+    with h5py.File(tmp_path / "certain.h5") as file:
         assert "session" not in file
-    assert "converters act at other instants" in read_result(tmp_path / "always.h5").attributes["warnings"]
+    assert "converters act at other instants" in read_result(tmp_path / "usual.h5").attributes["warnings"]
 
 
 def test_what_is_no_drift_is_told_and_not_taken_up(memory: Memory) -> None:

@@ -33,7 +33,7 @@ OF_LAWS = (
 )  # fmt: skip
 OF_CALIBRATION = ("check.true_error", "check.calibration_error")
 LINEAR = {path for path in metrics_of("check") if not path.startswith((*OF_LAWS, *OF_CALIBRATION))}
-"""The figures of a check of a linear building on a rig that is exactly as declared."""
+"""The figures of a check of a linear building on a rig that is as declared."""
 
 
 def metrics(seed: int = 0) -> Values:

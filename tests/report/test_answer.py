@@ -193,6 +193,27 @@ def test_of_a_tall_building_the_three_that_drift_most_and_the_roof_are_shown(tmp
     assert shown_storeys(result, "sim") == [6, 4, 3, 1]
 
 
+def test_of_a_tall_building_the_storeys_that_the_verdict_names_are_shown(tmp_path: Path) -> None:
+    drift, percent = np.array([1.0, 9.0, 2.0, 8.0, 7.0, 3.0, 0.5]), np.full(7, 0.4)
+    percent[2] = 0.9
+    error, delayed = percent.copy(), np.full(7, 100.0)
+    delayed[5] = 4.0
+    bound = np.ones(7)
+    bound[0] = 9.0
+    values = {
+        "sim.peak_inter_storey_drift_m": drift, "sim.peak_abs_accel_m_s2": drift, "exp_rths.nrmse_percent": percent,
+        "exp_rths.rms_error_m_s2": error, "sim_delay.rms_error_m_s2": delayed,
+        "exp_rths.true_reference_nrmse_percent": percent, "check.true_error_m_s2": 0.5 * bound,
+        "check.true_error_bound_m_s2": bound,
+    }  # fmt: skip
+    result = read_result(written(tmp_path / "tall.h5", values))
+    said = verdict(result)
+    assert "(storey 3)" in said and "(storey 6)" in said and "(storey 1)" in said
+    assert shown_storeys(result, "sim") == [6, 5, 4, 3, 2, 1, 0]
+    one = read_result(written(tmp_path / "one.h5", {k: v for k, v in values.items() if not k.startswith("check")}))
+    assert shown_storeys(one, "sim") == [6, 5, 4, 3, 2, 1]
+
+
 def test_several_results_are_compared_row_by_row(tmp_path: Path) -> None:
     paths = [
         written(tmp_path / "first.h5", figures()),

@@ -33,6 +33,7 @@ TOLD_BY = (
 UNSETTLED_S = 0.3  # time after missing samples that is excluded, because table and samples return gradually
 LEAST_SHARE = 0.5  # least fraction of a run that must have samples
 BLOCKS, NUMBERS = ("plant", "rig_correction", "correction", "estimator"), ("change", "total", "late")  # of Expected
+SENSORS = ("corner_hz", "v_per_m_s2")  # of Expected, by channel
 MOST_LATE = 1000  # intervals
 IMPACT_S = 0.1  # time before a rig ended a run that is excluded, because the table may have hit its end stop
 
@@ -62,6 +63,8 @@ class Expected:
     change: float  # remaining alias of the hold: m/s^2 per V of difference of the last two commands,
     total: float  # and per V of their sum,
     late: int  # this number of intervals ago
+    corner_hz: tuple[float, ...] | None = None  # (c,) of the AC couplings that the correction takes out, as identified
+    v_per_m_s2: tuple[float, ...] | None = None  # (c,) sensitivities, as identified; None, in a log of before: declared
 
     def answer(self, command_v: Array) -> Array:
         """Return the response of the identified rig to commands (n,) in V, as corrected samples (c, n)."""
@@ -76,10 +79,15 @@ def as_stored(expected: Expected) -> dict[str, Any]:
     """Return the prediction as values for JSON, from which `as_read` restores it."""
     numbers = {name: getattr(expected, name) for name in NUMBERS}
     blocks = {name: getattr(expected, name) for name in BLOCKS}
-    return numbers | {
-        name: {part: getattr(block, part).tolist() for part in "ABCD"} | {"dt_s": block.dt_s}
-        for name, block in blocks.items()
-    }
+    sensors = {name: getattr(expected, name) for name in SENSORS if getattr(expected, name) is not None}
+    return (
+        sensors
+        | numbers
+        | {
+            name: {part: getattr(block, part).tolist() for part in "ABCD"} | {"dt_s": block.dt_s}
+            for name, block in blocks.items()
+        }
+    )
 
 
 def as_read(stored: Mapping[str, Any], channels: int) -> Expected:
@@ -88,14 +96,24 @@ def as_read(stored: Mapping[str, Any], channels: int) -> Expected:
         blocks = {name: _block(name, stored[name]) for name in BLOCKS}
         numbers = {name: float(stored[name]) for name in NUMBERS}
         late = int(numbers["late"])
+        sensors = {name: tuple(map(float, stored[name])) for name in SENSORS if name in stored}
     except (KeyError, TypeError, OverflowError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from error
     fits = blocks["plant"].D.shape[1] == 1 and len(blocks["plant"].D) == blocks["rig_correction"].D.shape[1]
     fits &= len(blocks["rig_correction"].D) == channels and blocks["correction"].D.shape == (channels, channels)
     fits &= blocks["estimator"].D.shape[1] == channels and 1 <= late <= MOST_LATE
-    if not fits or not np.isfinite([numbers["change"], numbers["total"]]).all():
+    fits &= all(len(each) == channels and np.isfinite(each).all() and min(each) >= 0.0 for each in sensors.values())
+    if not fits or not np.isfinite([numbers["change"], numbers["total"]]).all() or 0.0 in sensors.get(SENSORS[1], ()):
         raise ValueError("blocks that do not fit the rig")
-    return Expected(**blocks, change=numbers["change"], total=numbers["total"], late=late)
+    corner_hz, v_per_m_s2 = (sensors.get(name) for name in SENSORS)
+    return Expected(
+        **blocks,
+        change=numbers["change"],
+        total=numbers["total"],
+        late=late,
+        corner_hz=corner_hz,
+        v_per_m_s2=v_per_m_s2,
+    )
 
 
 def _block(name: str, stored: Mapping[str, Any]) -> Block:
@@ -115,7 +133,12 @@ def expected_of(setup: Setup, identified: Identification, blocks: Blocks) -> Exp
     setup, specimen = setup.calibrated(identified), identified.specimen.specimen
     rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors, setup.compared)
     late = max(rig.latency_samples, 1)
-    return Expected(rig.plant, rig.correction, blocks.correction, blocks.estimator, *rig.alias_left(blocks), late)
+    corner_hz = tuple(channel.high_pass_hz if setup.removes_sensors else 0.0 for channel in setup.rig.channels)
+    v_per_m_s2 = tuple(sensitivities(setup.rig).tolist())
+    return Expected(
+        rig.plant, rig.correction, blocks.correction, blocks.estimator, *rig.alias_left(blocks), late,
+        corner_hz, v_per_m_s2,
+    )  # fmt: skip
 
 
 def drift_of(setup: Setup, expected: Expected, outcome: Outcome) -> SensorDrift | None:
@@ -135,10 +158,10 @@ def drift_of(setup: Setup, expected: Expected, outcome: Outcome) -> SensorDrift 
     told = ~missing[judged]
     if command_v.size * dt < SHORTEST_S or told.mean() < LEAST_SHARE or not np.isfinite(corrected).all():
         return None
-    removes = setup.removes_sensors
-    corners = [channel.high_pass_hz if removes else 0.0 for channel in setup.rig.channels]
+    declared = [channel.high_pass_hz if setup.removes_sensors else 0.0 for channel in setup.rig.channels]
+    corners = declared if expected.corner_hz is None else expected.corner_hz
     left = _bridged(coupled_again(corrected - expected.answer(command_v), corners, dt), told)
-    sizes = sensitivities(setup.rig)
+    sizes = sensitivities(setup.rig) if expected.v_per_m_s2 is None else np.array(expected.v_per_m_s2)
     channels = channel_drifts(left, dt, setup.rig.converters.step_v / sizes)
     samples = whole.command_v.size
     shown = np.array([each.shown(samples, dt) if stands_out(each) else np.zeros(samples) for each in channels])

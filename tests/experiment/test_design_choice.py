@@ -74,7 +74,10 @@ def test_a_changed_specimen_costs_what_is_expected(
 ) -> None:
     """Against runs on a rig without noise, bits and friction, by the true error. A trusting filter has 15 times the
     error of the usual one; with a countered reaction it takes 30 % to see any."""
-    exact = ("table.sensors.noise_rms_m_s2=0", "table.converters.bits=0", "table.physics.coulomb_n=0")
+    exact = (
+        "table.sensors.noise_rms_m_s2=0", "table.converters.bits=0", "table.physics.coulomb_n=0",
+        "table.uncertainty={corner: 0, skew_s: 0, mass: 0, drift: 0}",
+    )  # fmt: skip
     setup = setup_of(*exact, *settings, "runs=[sim, sim_delay, exp_rths]")
     there = f"table.after_identification.specimen_stiffness_factor={factor}"
     path = tmp_path / "changed.h5"

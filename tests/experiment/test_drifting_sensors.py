@@ -236,7 +236,8 @@ def test_what_stood_in_for_lost_samples_accuses_no_healthy_sensor(
         ("plant", None, 3), ("plant", "A", [[1.0, 2.0]]), ("plant", "B", [[float("nan")]]),
         ("correction", "D", [[1.0]]), ("estimator", "C", "x"), ("late", None, 0), ("late", None, 1e400),
         ("change", None, None), ("total", None, "x"),
-        ("late", None, 10**400),
+        ("late", None, 10**400), ("corner_hz", None, [0.0, 0.0]), ("corner_hz", None, [0.0, 0.0, -1.0]),
+        ("v_per_m_s2", None, [1.0, 0.0, 1.0]), ("v_per_m_s2", None, "x"),
     ],
 )  # fmt: skip
 def test_what_a_log_expects_of_the_rig_is_read_as_it_was_written_and_refused_where_it_does_not_fit(
@@ -250,6 +251,9 @@ def test_what_a_log_expects_of_the_rig_is_read_as_it_was_written_and_refused_whe
     stored = json.loads(json.dumps(as_stored(expected)))
     again = as_read(stored, len(setup.rig.channels))
     assert (again.answer(command_v) == expected.answer(command_v)).all()
+    assert (again.corner_hz, again.v_per_m_s2) == (expected.corner_hz, expected.v_per_m_s2)
+    earlier = as_read({key: stored[key] for key in stored if key not in ("corner_hz", "v_per_m_s2")}, 3)
+    assert earlier.corner_hz is None and earlier.v_per_m_s2 is None
     if part is None:
         stored[name] = value
     else:

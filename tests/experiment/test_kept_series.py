@@ -75,7 +75,7 @@ def test_essential_series_are_those_of_all_in_single_precision_and_no_others(res
     assert read_result(results["essential"]).series == "essential"
     for name, values in essential.items():
         declared = DATASETS.get(name)
-        if name.startswith(("metrics", "controller", "identification")) or declared is None:
+        if name.startswith(("metrics", "controller", "identification", "session")) or declared is None:
             assert np.array_equal(values, every[name], equal_nan=values.dtype.kind == "f"), name
         elif declared.kind != "text":
             assert declared.essential and values.dtype == np.float32, name

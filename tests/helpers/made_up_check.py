@@ -34,6 +34,8 @@ OF_LAWS = (
 OF_CALIBRATION = ("check.true_error", "check.calibration_error")
 LINEAR = {path for path in metrics_of("check") if not path.startswith((*OF_LAWS, *OF_CALIBRATION))}
 """The figures of a check of a linear building on a rig that is as declared."""
+TRUE_ERROR = {path for path in metrics_of("check") if path.startswith(OF_CALIBRATION)}
+"""Those that a rig has beside them some of whose sensors, instants or masses are uncertain."""
 
 
 def metrics(seed: int = 0) -> Values:

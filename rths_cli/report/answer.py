@@ -523,7 +523,7 @@ def _named_storeys(result: Result) -> Iterator[int]:
     if (found := grade(result)) is None:
         return
     yield found.storey - 1
-    if found.ratio is not None:
+    if found.ratio_storey is not None:
         yield found.ratio_storey - 1
     if (true_error := _true_error(result)) is not None:
         yield true_error.storey - 1

@@ -6,6 +6,10 @@ desired motion, and the computed storeys feel a force that is wrong by m (d_floo
 acceleration. To first order the error is a sum over the parameters of the calibration, each a motion of the undivided
 building under such a force, and with the calibration's covariance it has a distribution. The reference is the computed
 storeys with the specimen as it is.
+
+What the table's sensor reads of the held command's staircase (its alias) is identified beside the table, and looks like
+a wrong corner: both are a velocity. So it takes up most of what a wrong corner does to the table's samples, and the
+step, which takes the alias out, takes that out too.
 """
 
 from __future__ import annotations
@@ -18,10 +22,11 @@ import numpy as np
 from rths_cli.analysis.fourier_lines import Lines
 from rths_cli.analysis.sim import state_equation
 from rths_cli.identification.results import Calibration
-from rths_cli.numerics.lti import Array, ComplexArray, StateSpace
+from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model, StateSpace
 from rths_cli.structure import Building
 
 DRAWS, SEED = 4000, 22
+LEAST_ERROR = 1e-4  # of a measured response, relative: with less no line is weighed more
 PREDICTION = 0.4  # standard uncertainty of the logarithm of what is predicted without regard to calibration
 BOUND = 0.95
 BETTER_GAIN, BETTER_MASS = 0.002, 0.001  # what a comparison of sensors, and a good balance, attain
@@ -89,20 +94,22 @@ class Sensitivities:
         return np.asarray(np.sqrt(np.maximum(squares, 0.0) + loop**2 + changed**2))
 
 
-def sensitivities(building: Building, lines: Lines, sim: ComplexArray, corners_hz: Array) -> Sensitivities:
+def sensitivities(
+    building: Building, lines: Lines, sim: ComplexArray, corners_hz: Array, table: Model, measured: Frf
+) -> Sensitivities:
     """Return the errors by each parameter of a calibration, in the order of its covariance.
 
-    `sim` (n_storeys, m): accelerations of SIM of the building as identified; `corners_hz` (c,) of the AC couplings.
+    `sim` (n_storeys, m): accelerations of SIM of the building as identified; `corners_hz` (c,) of the AC couplings;
+    `table` as identified from its response `measured`.
     """
     p, masses = len(building.numerical.masses_kg), building.specimen.masses_kg
-    floors, s = len(masses), 2j * np.pi * lines.frequency_hz
+    floors = len(masses)
     to_force = _per_interface_force(building, lines.frequency_hz)
     there = sim[p - 1 :]  # interface and floors
     held = np.vstack([np.zeros((p - 1, lines.count)), there])
-    w = 2.0 * np.pi * np.asarray(corners_hz)[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        coupling = np.where(np.abs(s + w) > 0.0, -w / (s + w), 0.0)
-    readings = (np.ones((1 + floors, lines.count)), coupling, np.broadcast_to(-s, (1 + floors, lines.count)))
+    readings = _readings(lines.frequency_hz, corners_hz)
+    if table.ripple_m_s2_per_v != 0.0:
+        readings[:, 0] -= _taken_up(lines.frequency_hz, float(corners_hz[0]), table, measured)
     errors, shown = [], []
     for reading in readings:
         for channel in range(1 + floors):
@@ -118,6 +125,40 @@ def sensitivities(building: Building, lines: Lines, sim: ComplexArray, corners_h
             shown.append(errors[-1] + read)
     of_masses = [to_force * masses[floor] * there[1 + floor] for floor in range(floors)]
     return Sensitivities(_gram(lines, [*errors, *of_masses]), _gram(lines, [*shown, *of_masses]))
+
+
+def _readings(frequency_hz: Array, corners_hz: Array) -> ComplexArray:
+    """Return what channels (c,) read beyond the truth, relative (3, c, m), per log gain, log corner and lag."""
+    s, w = 2j * np.pi * frequency_hz, 2.0 * np.pi * np.asarray(corners_hz)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        coupling = np.where(np.abs(s + w) > 0.0, -w / (s + w), 0.0)
+    ones = np.ones_like(coupling)
+    return np.array([ones, coupling, -s * ones])
+
+
+def _taken_up(frequency_hz: Array, corner_hz: float, table: Model, measured: Frf) -> ComplexArray:
+    """Return the part (3, m) of the table's own readings that its alias takes up when the table is identified.
+
+    Least squares with the weights of that fit, in which gain, delay and curvature of the model take up what they can,
+    too: to that the loop holds the table as it does to the readings.
+    """
+    f = measured.frequency_hz
+    inside = (f >= table.band_hz[0]) & (f <= table.band_hz[1])
+    alias, weight = _alias(f[inside], table), 1.0 / np.hypot(measured.relative_error[inside], LEAST_ERROR)
+    s = 2j * np.pi * f[inside] / table.band_hz[1]
+    wanted = _readings(f[inside], np.array([corner_hz]))[:, 0] * weight
+    rows = np.array([alias, np.ones(len(s)), s, s**2]) * weight
+    found = np.linalg.lstsq(np.hstack([rows.real, rows.imag]).T, np.hstack([wanted.real, wanted.imag]).T, rcond=None)[
+        0
+    ][0]
+    there = (frequency_hz >= table.band_hz[0]) & (frequency_hz <= table.band_hz[1])
+    share = np.zeros(len(frequency_hz), dtype=complex)
+    share[there] = _alias(frequency_hz[there], table)
+    return found[:, None] * share
+
+
+def _alias(frequency_hz: Array, table: Model) -> ComplexArray:
+    return table.alias(frequency_hz) / table.response(frequency_hz)
 
 
 def _gram(lines: Lines, errors: Sequence[ComplexArray]) -> Array:

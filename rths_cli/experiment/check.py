@@ -192,7 +192,7 @@ def _true_error(
         return None, None, 0.0
     building = at_rest(as_identified(setup, _specimen(identified)))
     corners = np.array([channel.high_pass_hz if setup.removes_sensors else 0.0 for channel in setup.rig.channels])
-    by_calibration = sensitivities(building, known.lines, known.sim, corners)
+    by_calibration = sensitivities(building, known.lines, known.sim, corners, known.model, known.measured)
     factor = 1.0 + stiffness_uncertainty(setup, identified)
     changed = changed_specimen_error(setup, identified, blocks, known, prediction, factor)
     own = OwnError(prediction.total.storeys, changed)

@@ -9,6 +9,7 @@ from rths_cli.analysis.metrics import test_band as in_band
 from rths_cli.analysis.sim_fourier_lines import sim_lines
 from rths_cli.analysis.true_error import OwnError, best_remedy, sensitivities, true_error
 from rths_cli.identification.results import Calibration
+from rths_cli.numerics.lti import Frf, Model
 from rths_cli.structure import Building, Numerical, Specimen, assemble
 
 DT = 0.005
@@ -51,9 +52,17 @@ def building():
     return Building(numerical, specimen, 0.0, *assemble(numerical, specimen, 0.0), ())
 
 
+POLES = np.array([-20.0 + 15.0j, -20.0 - 15.0j])
+TABLE = Model(zeros=np.zeros(2), poles=POLES, gain=80.0, delay_s=0.0, band_hz=(0.5, 40.0))  # samples without alias
+BAND = np.linspace(0.5, 40.0, 800)
+MEASURED = Frf(BAND, TABLE.response(BAND), np.ones(800), np.full(800, 1e-4), 10)
+
+
 def known():
     lines = lines_for(len(TIME), DT, 40.0)
-    return sensitivities(building(), lines, sim_lines(building(), lines, lines.of(GROUND)), np.zeros(3))
+    return sensitivities(
+        building(), lines, sim_lines(building(), lines, lines.of(GROUND)), np.zeros(3), TABLE, MEASURED
+    )
 
 
 @pytest.mark.parametrize("place", range(5))

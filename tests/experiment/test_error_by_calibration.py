@@ -1,0 +1,71 @@
+"""What an error of the calibration costs: the check's columns against tests on rigs that err by a known amount."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rths_cli.analysis.true_error import Sensitivities
+from rths_cli.case.load import load_cases
+from rths_cli.experiment import check
+from rths_cli.experiment.check import judge
+from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.run_case import run_case
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.files.result_reader import read_result
+from rths_cli.numerics.lti import Array
+
+CERTAIN = "table.uncertainty={corner: 0, skew_s: 0, mass: 0, drift: 0}"
+QUICK = ("sample_rate_hz=1000", "identification.duration_s=60", "runs=[sim, sim_delay, exp_rths]")
+GAIN, CORNER, LAG = range(3), range(3, 6), range(6, 9)  # places of the table's and two floors' parameters
+STATED = "table.imperfections.channels."
+
+
+def setup_of(*settings: str) -> Setup:
+    return make_setup(load_cases(["el_centro_low_ff_fb"], (*QUICK, *settings))[0], ("check", "model"))
+
+
+@pytest.fixture(scope="module")
+def columns(memory: Memory) -> Sensitivities:
+    """Return what the check takes for the errors by each parameter, of a rig that is uncertain in its corners."""
+    made: list[Sensitivities] = []
+    with pytest.MonkeyPatch.context() as patch:
+        original = check.sensitivities
+        patch.setattr(check, "sensitivities", lambda *given: made.append(original(*given)) or made[-1])
+        setup = setup_of()
+        found = memory.identify(setup, lambda _: None)
+        judge(setup, found, design_blocks(setup, found))
+    return made[0]
+
+
+def true_error(path: Path, memory: Memory, *settings: str) -> Array:
+    """Return the true errors (3,) in m/s^2 of a test whose identification takes its sensors for certain."""
+    path.unlink(missing_ok=True)
+    assert run_case(setup_of(CERTAIN, *settings), path, memory, "test", lambda _: None).status == "complete"
+    return np.asarray(read_result(path).metrics["exp_rths.true_reference_rms_error_m_s2"])
+
+
+@pytest.mark.parametrize(
+    ("stated", "places", "off", "within"),
+    [
+        ("gain_error=0.005", GAIN, np.log(1.005), 0.1),
+        ("high_pass_error=[0.2, 0, 0]", CORNER[:1], np.log(1.2), 0.3),
+        ("high_pass_error=0.2", CORNER, np.log(1.2), 0.2),
+        ("skew_s=[5e-5, 0, 0]", LAG[:1], -5e-5, 0.25),
+    ],
+    ids=["all gains", "corner of the table", "all corners", "instant of the table"],
+)
+def test_an_error_of_the_calibration_costs_what_is_expected(
+    tmp_path: Path, memory: Memory, columns: Sensitivities, stated: str, places: range, off: float, within: float
+) -> None:
+    """A wrong corner of the table's sensor looks like the alias of the held command, which takes most of it up; taken
+    for a wrong motion of the table it would cost four times as much."""
+    path = tmp_path / "result.h5"
+    right, wrong = true_error(path, memory), true_error(path, memory, STATED + stated)
+    deviation = np.zeros(columns.gram.shape[-1])
+    deviation[list(places)] = off
+    expected = np.sqrt(np.einsum("p,spq,q->s", deviation, columns.gram, deviation))
+    np.testing.assert_allclose(expected, np.sqrt(wrong**2 - right**2), rtol=within)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import shutil
 from contextlib import chdir
@@ -39,6 +40,7 @@ OTHERS_LEFT_OUT = {
     "reference/udp.md": ("cc", "is compiled and run by tests/rigs/test_udp_target_c.py"),
 }
 RUN_ELSEWHERE = ("reference/python.md", "howto/export.md", "reference/parts.md")  # tests/test_api.py, test_own_parts.py
+EVENLY_SPACED = re.compile(r"(=[-\d.]+:[-\d.]+):\d+$")  # values of a sweep: from, to, how many
 BY_THE_HELP = ("reference/commands.md",)  # its examples are those of the help: test_every_example_of_the_help_runs
 WITH_SNIPPETS = ("reference/figures.md", "reference/report_page.md", "howto/sweep.md")
 
@@ -128,15 +130,16 @@ def place(made: Path, tmp_path: Path) -> Path:
 
 
 def quick(words: list[str]) -> list[str]:
-    """Return a command on the short record, a sweep with one seed."""
+    """Return a command on the short record, a sweep with one seed and both ends of its ranges."""
     short = (
         ["--set", "record.file=short.csv"]
         if CASE in words and words[0] in ("run", "check", "sweep", "identify")
         else []
     )
     varied = [word for word in words if word.startswith("record=")]
+    ends = [EVENLY_SPACED.sub(r"\1:2", word) if words[0] == "sweep" else word for word in words]
     return [
-        *words,
+        *ends,
         *([] if varied else short),
         *(["--seeds", "1"] if words[0] == "sweep" and "--seeds" in words else []),
     ]

@@ -20,7 +20,7 @@ the corners that of all sensors.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +36,7 @@ from rths_cli.identification.specimen_fit import (
     least_samples,
     modal,
     reach_of,
+    residual_of,
     stretches_of,
     transform,
 )
@@ -192,38 +193,57 @@ class _Problem:
             sizes[ends + 1 :],
         )
 
-    def residual(self, at: Array) -> tuple[Array, Array]:
-        """Return the residual (m,) of the samples and its slopes (2 n, m) by stiffnesses and damping ratios."""
-        gain, coupling, late_s, mass, ripple, coupled = self.values(at)
-        n = len(self.masses_kg)
+    def residual(self, at: Array) -> Array:
+        """Return the residual (m,) of the samples."""
+        masses_kg, theta, n = self._masses_kg(at), at[: 2 * len(self.masses_kg)], len(self.masses_kg)
         each = []
+        for moved, floors in self._without_sensors(at):
+            seen = residual_of(moved, masses_kg, theta).view(complex).reshape(n, -1) * floors
+            each.append(np.ascontiguousarray(seen).reshape(-1).view(float))
+        return np.concatenate(each)
+
+    def evaluated(self, at: Array) -> tuple[Array, Array]:
+        """Return the residual (m,) of the samples and its slopes (2 n, m) by stiffnesses and damping ratios."""
+        masses_kg, theta, n = self._masses_kg(at), at[: 2 * len(self.masses_kg)], len(self.masses_kg)
+        each = []
+        for moved, floors in self._without_sensors(at):
+            left, slopes = evaluated([moved], masses_kg, theta)
+            seen = np.vstack([left, slopes[:-1]]).view(complex).reshape(2 * n + 1, n, -1) * floors
+            each.append(np.ascontiguousarray(seen).reshape(2 * n + 1, -1).view(float))
+        both = np.hstack(each)
+        return both[0], both[1:]
+
+    def _masses_kg(self, at: Array) -> Array:
+        """Return the masses (n,)."""
+        return np.asarray(self.masses_kg * np.exp(self.values(at)[3]))
+
+    def _without_sensors(self, at: Array) -> Iterator[tuple[Lines, ComplexArray]]:
+        """Yield the lines as the table and the floors moved, without coupling of modes, and the floors' sensors (n, m)
+        in whose signals a residual is judged."""
+        gain, coupling, late_s, _, ripple, coupled = self.values(at)
         for part in self.lines:
             sensors = _responses(part.s, self.corners, gain, coupling, late_s - late_s[0])  # a common lag is unseen
             table = part.table if part.staircase is None else part.table - ripple * part.staircase
             moved = Lines(part.s, table / sensors[0], part.floors / sensors[1:])
             if coupled.any():
-                further = _by_coupled_modes(moved, self.masses_kg * np.exp(mass), at[: 2 * n], coupled)
+                further = _by_coupled_modes(moved, self._masses_kg(at), at[: 2 * len(self.masses_kg)], coupled)
                 moved = replace(moved, floors=moved.floors - further)
-            left, slopes = evaluated([moved], self.masses_kg * np.exp(mass), at[: 2 * n])
-            seen = np.vstack([left, slopes[:-1]]).view(complex).reshape(2 * n + 1, n, -1) * sensors[1:]
-            each.append(np.ascontiguousarray(seen).reshape(2 * n + 1, -1).view(float))
-        both = np.hstack(each)
-        return both[0], both[1:]
+            yield moved, sensors[1:]
 
     def size(self, at: Array) -> float:
         """Return the rms of the residual, at least LEAST_SIZE of the floors' motion."""
-        left = self.residual(at)[0]
+        left = self.residual(at)
         return max(float(np.sqrt(np.mean(left**2))), LEAST_SIZE / np.sqrt(left.size))
 
     def posterior(self, at: Array) -> tuple[Array, Array]:
         """Return residuals in their unit and deviations from the priors, with their slopes."""
         n, free = 2 * len(self.masses_kg), self.free.size
-        left, slopes = self.residual(at)
+        left, slopes = self.evaluated(at)
         moved = []
         for place in range(n, n + free):
             step = np.zeros(n + free)
             step[place] = STEP
-            moved.append((self.residual(at + step)[0] - self.residual(at - step)[0]) / (2.0 * STEP))
+            moved.append((self.residual(at + step) - self.residual(at - step)) / (2.0 * STEP))
         of_priors = np.hstack([np.zeros((free, n)), np.eye(free)]).T
         rows = np.vstack([slopes, np.array(moved).reshape(free, -1)]) / self.unit
         taken, by_taken = self.taken(at)

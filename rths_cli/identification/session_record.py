@@ -235,6 +235,12 @@ class _Problem:
         nothing = np.zeros(2 * len(self.fit.stiffness_n_per_m))
         return self._moved(nothing), self._slopes(nothing)
 
+    @cached_property
+    def _driven(self) -> tuple[ComplexArray, ComplexArray, int]:
+        """Return s in rad/s and the lines of the table's motion, of the record padded with rest, and its samples."""
+        count = padded(len(self.table), self.dt_s)
+        return 2j * np.pi * np.fft.rfftfreq(count, self.dt_s), np.fft.rfft(self.table, count), count
+
     def _slopes(self, by: Array) -> ComplexArray:
         """Return the slopes (2 n, n, m) of the floors' lines by what `_moved` takes."""
         steps = STEP * np.eye(len(by))
@@ -246,12 +252,10 @@ class _Problem:
         masses, was = self.fit.specimen.masses_kg, np.append(self.fit.stiffness_n_per_m, self.fit.damping_ratio)
         stiffness, ratios = np.split(was * np.exp(by), 2)
         omega, shapes = modal(masses, stiffness)
-        samples = len(self.table)
-        count = padded(samples, self.dt_s)
-        s = 2j * np.pi * np.fft.rfftfreq(count, self.dt_s)
+        s, driven, count = self._driven
         carried = (2.0 * ratios * omega)[:, None] * s + (omega**2)[:, None]
         response = shapes @ ((masses @ shapes)[:, None] * carried / (s**2 + carried))
-        floors = np.fft.irfft(response * np.fft.rfft(self.table, count), count)[:, :samples]
+        floors = np.fft.irfft(response * driven, count)[:, : len(self.table)]
         return _lines(floors, self.frequency_hz, self.dt_s)
 
 

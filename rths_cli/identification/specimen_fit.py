@@ -73,24 +73,42 @@ def without_time(both: tuple[Array, Array]) -> tuple[Array, Array]:
     return both[0], both[1][:-1]
 
 
+def residual_of(lines: Lines, masses_kg: Array, theta: Array) -> Array:
+    """Return the residual (2 n m,) of one set of lines as `evaluated` does, without its slopes, much faster."""
+    return _Response(lines, masses_kg, theta).residual
+
+
 def _evaluated(lines: Lines, masses_kg: Array, theta: Array) -> tuple[Array, Array]:
     """Return the residual (2 n m,) of one set of lines and its slopes (2 n + 1, 2 n m)."""
-    stiffness, ratios = np.split(np.exp(theta), 2)
-    omega, shapes = modal(masses_kg, stiffness)
-    s, table, participation = lines.s, lines.table, (masses_kg @ shapes)[:, None]
-    given = (2.0 * ratios * omega)[:, None] * s + (omega**2)[:, None]
-    under = 1.0 / (s**2 + given)
-    carried = given * under * table
-    state = np.stack([(omega**2)[:, None] * under, omega[:, None] * s * under])
-    left = lines.floors - shapes @ (participation * carried)
-    columns, size = _linear_terms(state, shapes, omega[0] / s)
-    residual, found = _without(parts(left).reshape(1, -1), columns)
-    free = (found[0, : 2 * len(omega)] / size).reshape(2, len(omega), 1)
-    moved = participation * carried + np.sum(free * state, axis=0)
-    pulled = (participation * table - moved) * under
+    at = _Response(lines, masses_kg, theta)
+    s, omega, carried = lines.s, at.omega, at.carried
+    free = (at.found[: 2 * len(omega)] / at.size).reshape(2, len(omega), 1)
+    moved = at.participation * carried + np.sum(free * at.state, axis=0)
+    pulled = (at.participation * lines.table - moved) * at.under
     basis = parts(np.concatenate([moved, carried, pulled, s * pulled, s * carried]))
-    slopes = -(_weights(masses_kg, stiffness, ratios, omega, shapes) @ basis).reshape(len(theta) + 1, -1)
-    return residual[0], _without(slopes, columns)[0]
+    slopes = -(_weights(masses_kg, at.stiffness, at.ratios, omega, at.shapes) @ basis).reshape(len(theta) + 1, -1)
+    return at.residual, _without(slopes, at.columns)[0]
+
+
+class _Response:
+    """The modes of a chain (n,), their response at lines (m,), and what it leaves of the floors' lines.
+
+    `residual` (2 n m,); `columns` and `found` are the linear terms and their factors.
+    """
+
+    def __init__(self, lines: Lines, masses_kg: Array, theta: Array) -> None:
+        self.stiffness, self.ratios = np.split(np.exp(theta), 2)
+        self.omega, self.shapes = modal(masses_kg, self.stiffness)
+        s, omega = lines.s, self.omega
+        self.participation = (masses_kg @ self.shapes)[:, None]
+        given = (2.0 * self.ratios * omega)[:, None] * s + (omega**2)[:, None]
+        self.under = 1.0 / (s**2 + given)
+        self.carried = given * self.under * lines.table
+        self.state = np.stack([(omega**2)[:, None] * self.under, omega[:, None] * s * self.under])
+        left = lines.floors - self.shapes @ (self.participation * self.carried)
+        self.columns, self.size = _linear_terms(self.state, self.shapes, omega[0] / s)
+        residual, found = _without(parts(left).reshape(1, -1), self.columns)
+        self.residual, self.found = residual[0], found[0]
 
 
 def _linear_terms(state: ComplexArray, shapes: Array, drift: ComplexArray) -> tuple[Array, Array]:

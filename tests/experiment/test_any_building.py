@@ -81,7 +81,8 @@ def test_coarse_converters_on_a_table_whose_force_ends_before_its_data_sheet_say
 def test_floors_whose_first_look_goes_astray_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a model of the table the alias of its staircase hides the highest of seven modes, here at 640 Hz."""
     path = tmp_path / "case.yaml"
-    table = {"extends": "aps400_virtual", "converters": {"bits": 18, "latency_samples": 3}}
+    converters, exact = {"bits": 18, "latency_samples": 3}, {"corner": 0, "skew_s": 0, "mass": 0, "drift": 0}
+    table = {"extends": "aps400_virtual", "converters": converters, "uncertainty": exact}  # evaluated once
     case = {"structure": SEVEN_FLOORS, "damping": {"first_mode_ratio": 0.03}, "table": table, "sample_rate_hz": 640.0}
     path.write_text(json.dumps({"record": "el_centro", "scaling": 0.2, "controller": "FF", **case}))
     setup = make_setup(load_cases([path])[0])

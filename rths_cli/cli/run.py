@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -149,8 +150,8 @@ def _differs(row: SweptRow, path: Path, screen: Screen, quiet: int) -> bool:
     more = f" and {len(differences) - 1} more" if len(differences) > 1 else ""
     why = "a file that the case names, a setting or rths is not what it was"
     if row.later:
-        as_then = " ".join(f"--set {key}=false" for key in row.later)
-        why = f"it is of an rths without {' and '.join(row.later)}, which is decided now; {as_then} decides it as then"
+        as_then = " ".join(f"--set {shlex.quote(setting)}" for setting in row.later)
+        why = f"it is of an rths with other defaults; {as_then} has those of then"
     screen.message(f"the metrics are not those of row {row.number} of {row.path}: {differences[0]}{more}; {why}")
     return True
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from rths_cli.case.load import PlacedSettings, load_written, written_case
@@ -31,8 +32,9 @@ WHOLE = 2.0**53  # numbers up to it are whole where they have no fraction
 @dataclass(frozen=True)
 class SweptRow:
     """One row of a sweep: its file and number, its case, the seed of the session that it is played in, what overrode
-    the check, its figures by path, a number or one per storey (n_storeys,), NaN where it has none, and the keys that
-    are decided now and were not there when it was swept."""
+    the check, its figures by path, a number or one per storey (n_storeys,), NaN where it has none, and the settings
+    that state what was the default when it was swept and is another now. With `other_runs` the runs are chosen anew,
+    and figures of the row that the result does not have are no difference."""
 
     path: Path
     number: int
@@ -41,11 +43,14 @@ class SweptRow:
     overrides: tuple[str, ...]
     figures: dict[str, Array]
     later: tuple[str, ...] = ()
+    other_runs: bool = False
 
     def differences(self, result: Result) -> list[str]:
         """Return a sentence for each figure of the row that a result has otherwise."""
         found = []
         for path, row in self.figures.items():
+            if self.other_runs and path not in result.metrics:
+                continue
             run = np.full(len(row), np.nan)
             own = np.atleast_1d(np.asarray(result.metrics.get(path, np.nan), dtype=float))
             run[: len(own)] = own[: len(row)]
@@ -83,9 +88,26 @@ def read_row(path: Path, number: int, settings: Sequence[str] = ()) -> SweptRow:
     given = {setting.partition("=")[0] for setting in settings}
     read = case.method == "best" and case.controller.kind != "none"
     later = tuple(
-        key for key in LATER if read and f" {key.partition('.')[2]}:" not in sweep.resolved_yaml and key not in given
+        f"{key}=false"
+        for key in LATER
+        if read and f" {key.partition('.')[2]}:" not in sweep.resolved_yaml and key not in given
     )
-    return SweptRow(path, number, case, named.seed, overrides, _figures(sweep, number), later)
+    if not any(key == "table" or key.startswith("table.uncertainty") for key in (*given, *varied)):
+        later += _uncertainty_then(sweep, case)
+    return SweptRow(path, number, case, named.seed, overrides, _figures(sweep, number), later, "runs" in given)
+
+
+def _uncertainty_then(sweep: Sweep, case: Case) -> tuple[str, ...]:
+    """Return the setting that states the uncertainties of the sweep's rig, () where the case has the same."""
+    try:
+        resolved = yaml.safe_load(sweep.resolved_yaml)
+    except yaml.YAMLError:
+        return ()
+    table = resolved.get("table") if isinstance(resolved, dict) else None
+    then = table.get("uncertainty") if isinstance(table, dict) else None
+    if not isinstance(then, dict) or then == case.table.uncertainty.model_dump():
+        return ()
+    return (f"table.uncertainty={dump(then)}",)
 
 
 def _texts(path: Path, text: str) -> list[str]:

@@ -95,11 +95,33 @@ def test_a_row_of_a_sweep_before_keys_that_are_decided_now_says_how_to_play_it_a
         lines = file["case_resolved"].asstr()[()].splitlines(keepends=True)
         file["case_resolved"][()] = "".join(line for line in lines if not any(key in line for key in OF_LATER))
         file["exp_rths.rms_error_m_s2"][0, 0] *= 1.01
-    assert read_row(old, 1).later == tuple(f"controller.{key}" for key in OF_LATER)
+    assert read_row(old, 1).later == tuple(f"controller.{key}=false" for key in OF_LATER)
     words = ["run", "--from", str(old), "--row", "1", "--set", "runs=[exp_rths]", "--set", off, "--output"]
     done = CliRunner().invoke(cli, [*words, str(tmp_path / "r")], standalone_mode=False)
-    said = "an rths without controller.friction_compensation, which is decided now; --set controller.friction_compens"
+    said = "an rths with other defaults; --set controller.friction_compensation=false has those of then"
     assert done.return_value == 1 and said in done.stderr
+
+
+def test_a_row_of_a_sweep_on_a_rig_that_was_certain_by_default_says_how_to_play_it_as_then(
+    folder: Path, tmp_path: Path
+) -> None:
+    old = tmp_path / "old.h5"
+    old.write_bytes((folder / "s.h5").read_bytes())
+    with h5py.File(old, "r+") as file:
+        resolved = file["case_resolved"].asstr()[()]
+        file["case_resolved"][()] = resolved.replace("skew_s: 2.5e-05", "skew_s: 0.0").replace(
+            "corner: 0.1", "corner: 0.0"
+        )
+    (setting,) = [one for one in read_row(old, 1).later if one.startswith("table.uncertainty=")]
+    assert read_row(old, 1, (setting,)).case.table.uncertainty.skew_s == 0.0
+    assert read_row(old, 1, (setting,)).later == ()
+
+
+def test_figures_of_runs_that_are_left_out_are_no_difference(folder: Path) -> None:
+    row = read_row(folder / "s.h5", 1, ("runs=[exp_rths]",))
+    result = SimpleNamespace(metrics={"exp_rths.rms_error_m_s2": row.figures["exp_rths.rms_error_m_s2"]})
+    assert row.differences(result) == []  # type: ignore[arg-type]
+    assert read_row(folder / "s.h5", 1).differences(result)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

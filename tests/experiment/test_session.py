@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
+from docs_running import shortened
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment import model_verification, run_command, session
@@ -52,8 +53,18 @@ def played(setup: Setup, path: Path, memory: Memory, series: str = "none") -> li
 
 
 @pytest.fixture(scope="module")
-def laboratory(tmp_path_factory: pytest.TempPathFactory) -> tuple[Setup, Memory, Path, list[str]]:
-    setup, memory = setup_of(*QUICK, "runs=[sim, sim_delay, shake_table, exp_rths]"), Memory()
+def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
+    """Return what makes a laboratory quick, the first 14 s of the record among it."""
+    path = tmp_path_factory.mktemp("record") / "short.csv"
+    shortened(Path(__file__).parents[2] / "records" / "el_centro.csv", path, 700)
+    return *QUICK, f"record.file={path}"
+
+
+@pytest.fixture(scope="module")
+def laboratory(
+    tmp_path_factory: pytest.TempPathFactory, quick: tuple[str, ...]
+) -> tuple[Setup, Memory, Path, list[str]]:
+    setup, memory = setup_of(*quick, "runs=[sim, sim_delay, shake_table, exp_rths]"), Memory()
     path = tmp_path_factory.mktemp("session") / "laboratory.h5"
     return setup, memory, path, played(setup, path, memory, "all")
 
@@ -73,9 +84,11 @@ def test_the_drift_of_a_laboratory_is_found_by_the_record(laboratory: tuple[Setu
     assert np.all(error[1:] < 1e-4) and np.all(np.abs(found - true)[1:] < 3.0 * error[1:])
 
 
-def test_the_bound_counts_what_is_left_of_the_drift(laboratory: tuple[Setup, Memory, Path, list[str]]) -> None:
+def test_the_bound_counts_what_is_left_of_the_drift(
+    laboratory: tuple[Setup, Memory, Path, list[str]], quick: tuple[str, ...]
+) -> None:
     setup, memory, _, _ = laboratory
-    without = setup_of(*QUICK, "session_record=never")
+    without = setup_of(*quick, "session_record=never")
     tested, blind = (verdict_on(one, memory.known(one, lambda _: None)).figures for one in (setup, without))
     for name in ("check.true_error_bound_m_s2", "check.expected_error_m_s2"):
         assert np.all(np.asarray(tested[name]) < np.asarray(blind[name])), name
@@ -187,14 +200,17 @@ def test_a_row_of_a_sweep_has_the_metrics_of_the_run(
 
 
 def test_a_row_of_a_drifting_laboratory_is_run_in_the_session_of_its_sweep(
-    laboratory: tuple[Setup, Memory, Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    laboratory: tuple[Setup, Memory, Path, list[str]],
+    quick: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As `rths run --from` does; without the sweep's session the channels have drifted elsewhere."""
     _, memory, _, _ = laboratory
     for module in (sweep_runs, run_command):
         monkeypatch.setattr(module, "Memory", lambda *_: memory)
     alone, silent = ("check", "model"), SimpleNamespace(**dict.fromkeys(WATCHED, lambda *_: None))
-    asked = Asked("el_centro_low_ff_fb", (*QUICK, DRAWN), (), "5:5")
+    asked = Asked("el_centro_low_ff_fb", (*quick, DRAWN), (), "5:5")
     request = SweepRequest(asked, tmp_path / "s.h5", None, Engine("inline"), True, False, "test", alone)
     run_sweep(request, silent)  # type: ignore[arg-type]
     row = read_row(tmp_path / "s.h5", 1, ("runs=[sim, sim_delay, exp_rths]",))

@@ -56,7 +56,10 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
 
     with (Path(tempfile.gettempdir()) / f"rths_real_time_{os.getuid()}").open("w") as turn:
         fcntl.flock(turn, fcntl.LOCK_EX)
-        return (yield)
+        try:
+            return (yield)
+        finally:
+            fcntl.flock(turn, fcntl.LOCK_UN)  # also where a process that the test has started lives on
 
 
 @pytest.fixture(scope="session")

@@ -26,6 +26,7 @@ from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model, StateSpace
 from rths_cli.structure import Building
 
 DRAWS, SEED = 4000, 22
+LEAST_LINES = 8  # in the band of the table's model, of which its alias can be told from gain, delay and curvature
 LEAST_ERROR = 1e-4  # of a measured response, relative: with less no line is weighed more
 PREDICTION = 0.4  # standard uncertainty of the logarithm of what is predicted without regard to calibration
 BOUND = 0.95
@@ -139,11 +140,13 @@ def _readings(frequency_hz: Array, corners_hz: Array) -> ComplexArray:
 def _taken_up(frequency_hz: Array, corner_hz: float, table: Model, measured: Frf) -> ComplexArray:
     """Return the part (3, m) of the table's own readings that its alias takes up when the table is identified.
 
-    Least squares with the weights of that fit, in which gain, delay and curvature of the model take up what they can,
-    too: to that the loop holds the table as it does to the readings.
+    Least squares over the measured lines, weighed by their scatter as that fit is, in which gain, delay and curvature of
+    the model take up what they can, too: to that the loop holds the table as it does to the readings.
     """
     f = measured.frequency_hz
-    inside = (f >= table.band_hz[0]) & (f <= table.band_hz[1])
+    inside = (f >= table.band_hz[0]) & (f <= table.band_hz[1]) & np.isfinite(measured.relative_error)
+    if np.count_nonzero(inside) < LEAST_LINES:
+        return np.zeros((3, len(frequency_hz)), dtype=complex)
     alias, weight = _alias(f[inside], table), 1.0 / np.hypot(measured.relative_error[inside], LEAST_ERROR)
     s = 2j * np.pi * f[inside] / table.band_hz[1]
     wanted = _readings(f[inside], np.array([corner_hz]))[:, 0] * weight

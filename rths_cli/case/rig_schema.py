@@ -168,8 +168,16 @@ class UncertaintySpec(Strict):
     )
 
 
-CERTAIN = UncertaintySpec(corner=0.0, skew_s=0.0, mass=0.0, drift=0.0)  # the test has what the identification had
-VIRTUAL = UncertaintySpec(mass=0.0, drift=0.0)
+class VirtualUncertaintySpec(UncertaintySpec):
+    """Hold the uncertainties of a virtual rig, whose masses and sensitivities are as its file declares."""
+
+    mass: Annotated[float, Range(ge=0, le=0.1)] = Field(default=0.0, description="of a weighed floor mass, relative")
+    drift: Annotated[float, Range(ge=0, le=0.1)] = Field(
+        default=0.0, description="of a sensitivity, relative, from the identification to the test"
+    )
+
+
+CERTAIN = VirtualUncertaintySpec(corner=0.0, skew_s=0.0)  # as virtual rigs were by default before rths 0.2
 DECLARED = "standard uncertainties of what is declared; what the identification shows better, it corrects"
 
 
@@ -214,9 +222,7 @@ class VirtualRigSpec(RigSpec):
     channels: tuple[FurtherChannelSpec, ...] | None = Field(
         default=None, min_length=1, max_length=MOST_CHANNELS - 2, description=FURTHER
     )
-    uncertainty: UncertaintySpec = Field(
-        default=VIRTUAL, description=f"{DECLARED}; default of a virtual rig: of mass and drift 0"
-    )
+    uncertainty: VirtualUncertaintySpec = Field(default=VirtualUncertaintySpec(), description=DECLARED)
     physics: VirtualPhysics = Field(default=VirtualPhysics(), description="what only the virtual table itself knows")
     after_identification: AfterIdentification = Field(
         default=AfterIdentification(), description="what changes on the rig after it was identified; 1 changes nothing"

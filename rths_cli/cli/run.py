@@ -144,14 +144,16 @@ def _differs(row: SweptRow, path: Path, screen: Screen, quiet: int) -> bool:
 
     differences = row.differences(read_result(path))
     if not differences:
-        if not quiet:
+        if row.left_out == set(row.figures):
+            screen.message(f"row {row.number} of {row.path} has no metrics of these runs: nothing is compared")
+        elif not quiet:
             screen.message(f"row {row.number} of {row.path} has the same metrics")
         return False
     more = f" and {len(differences) - 1} more" if len(differences) > 1 else ""
     why = "a file that the case names, a setting or rths is not what it was"
     if row.later:
         as_then = " ".join(f"--set {shlex.quote(setting)}" for setting in row.later)
-        why = f"it is of an rths with other defaults; {as_then} has those of then"
+        why = f"some values were others then, by default or in a file; {as_then} has those of then"
     screen.message(f"the metrics are not those of row {row.number} of {row.path}: {differences[0]}{more}; {why}")
     return True
 

@@ -177,8 +177,9 @@ def _on_true_error(setup: Setup, judged: Judged) -> tuple[str, str]:
         name = channels[1 + remedy.parameter - 3 * len(channels)].name
         what, option = f"weighing {name}", f"--mass {name}=KG"
     return told, (
-        f"{what} to {100.0 * remedy.error:.2g} % would lower the bound of the true error to "
-        f"{share * remedy.bound[worst]:.2g} % of {of_what}: rths calibrate {shown(setup.case.path)} {option} takes it"
+        f"{what} to {100.0 * remedy.error:.2g} % would lower the bound of the true error from "
+        f"{share * uncertain.bound[worst]:.2g} to {share * remedy.bound[worst]:.2g} % of {of_what} "
+        f"(storey {worst + 1}): rths calibrate {shown(setup.case.path)} {option} takes it"
     )
 
 

@@ -82,7 +82,7 @@ def load(path: Path, setup: Setup) -> Stored:
     """Read a model file for a case's rig and specimen; raises InputError if it is damaged or belongs to others."""
     file = read_model(path)
     wanted = identity(setup)
-    if file.attributes.get("rig_sha256") == _hash(_identified_rig(_certain(setup.case.table))):
+    if file.attributes.get("rig_sha256") == _hash(_identified_rig(_with_earlier_default(setup.case.table))):
         wanted["rig_sha256"] = str(file.attributes["rig_sha256"])
     if faults := differences(file.attributes, wanted):
         raise InputError(*(f"{shown(path)}: {fault}" for fault in faults))
@@ -135,7 +135,7 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
     }
 
 
-def _certain(table: RigSpec) -> RigSpec:
+def _with_earlier_default(table: RigSpec) -> RigSpec:
     """Return a rig as a model of it was identified before virtual rigs were uncertain by default; other rigs as they
     are."""
     usual = (

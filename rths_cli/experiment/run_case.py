@@ -154,7 +154,8 @@ def worst_code(codes: Iterable[int]) -> int:
 def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tuple[str, ...]:
     """Return the warnings that a user should read before trusting the result."""
     said = of_case(setup, known.found if known else None, checked.design if checked else None)
-    said = (*((checked.advice,) if checked and checked.advice else ()), *said)
+    if checked is not None and checked.advice and (not checked.refused or "check" in setup.overrides):
+        said = (checked.advice, *said)
     if checked is None or not checked.refused or "check" not in setup.overrides:
         return said
     overridden = f"the check of EXP-RTHS is overridden, it says {checked.verdict}: {'; '.join(checked.reasons)}"

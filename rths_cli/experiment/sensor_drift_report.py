@@ -45,6 +45,7 @@ class SensorDrift:
     channels: tuple[ChannelDrift, ...]
     removed: Array  # (c, n) m/s^2, their part in the corrected samples, on the log's clock from the record's first step
     first: int  # sample of the record's start
+    v_per_m_s2: Array  # (c,) sensitivities of the samples, without sign
 
     @property
     def any(self) -> bool:
@@ -166,7 +167,7 @@ def drift_of(setup: Setup, expected: Expected, outcome: Outcome) -> SensorDrift 
     samples = whole.command_v.size
     shown = np.array([each.shown(samples, dt) if stands_out(each) else np.zeros(samples) for each in channels])
     removed = run_block(expected.correction, sizes[:, None] * shown) if shown.any() else np.zeros_like(shown)
-    return SensorDrift(channels, removed[:, whole.first :], whole.first)
+    return SensorDrift(channels, removed[:, whole.first :], whole.first, sizes)
 
 
 def _judged_samples(outcome: Outcome, whole: Whole, dt_s: float) -> int:
@@ -208,7 +209,7 @@ def sensitivities(rig: RigInfo) -> Array:
 
 def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) -> dict[str, ArrayLike]:
     """Return the metrics of offset, drift and jumps, for each channel, in V as the channel shows them."""
-    sizes, dt, end = sensitivities(setup.rig) * setup.rig.signs, setup.rig.dt_s, len(setup.motion.time_s)
+    sizes, dt, end = found.v_per_m_s2 * setup.rig.signs, setup.rig.dt_s, len(setup.motion.time_s)
     start = found.first + lead_samples
 
     def until(each: ChannelDrift) -> float:
@@ -228,8 +229,8 @@ def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) ->
 def sentences(label: str, found: SensorDrift, setup: Setup, lead_samples: int) -> list[str]:
     """Return the warnings on offset, drift and jumps of the channels of a run."""
     start, dt, said = found.first + lead_samples, setup.rig.dt_s, []
-    for channel, each in zip(setup.rig.channels, found.channels, strict=True):
-        size, who = channel.sign * channel.sensitivity_v_per_unit, f"{label}: channel {channel.name}"
+    for channel, each, v_per_m_s2 in zip(setup.rig.channels, found.channels, found.v_per_m_s2, strict=True):
+        size, who = channel.sign * float(v_per_m_s2), f"{label}: channel {channel.name}"
         if each.drifts:
             off, rate, sure = 1e3 * size * each.offset, 6e4 * size * each.rate, 6e4 * abs(size) * each.rate_uncertainty
             said.append(

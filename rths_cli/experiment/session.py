@@ -3,6 +3,7 @@ sensors and converters have changed by since."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,8 +59,11 @@ def with_session(
         )
     if refused := no_drift(setup, known, change):
         return known, refused
+    from rths_cli.identification.sensor_calibration import as_stated, priors_of
     from rths_cli.identification.session_record import in_session
 
+    if known.calibration is None and setup.rig.calibrates:  # a model of before the rig stated its uncertainties
+        known = replace(known, calibration=as_stated(priors_of(setup.rig, setup.removes_sensors, known.best)))
     return in_session(known, change), tuple(_sentences(setup, change))
 
 

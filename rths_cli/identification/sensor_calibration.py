@@ -79,6 +79,13 @@ class Priors:
         return np.concatenate([self.gain, self.coupling, self.late_s, self.mass, [self.ripple_m_s2_per_v], couplings])
 
 
+def as_stated(priors: Priors) -> Calibration:
+    """Return what is known of sensors and masses without a record: that they are as declared, and how uncertain."""
+    c, n = len(priors.gain), len(priors.mass)
+    spread = np.concatenate([priors.gain, priors.coupling, priors.late_s, priors.mass])
+    return Calibration(np.ones(c), np.ones(c), np.zeros(c), np.ones(n), np.diag(spread**2))
+
+
 def priors_of(info: RigInfo, sensors_removed: bool, table: Model, ripple_error: float = np.inf) -> Priors:
     """Return the priors of a rig as declared; corners and lags only where the step corrects them.
 

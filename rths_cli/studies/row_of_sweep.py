@@ -12,7 +12,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from rths_cli.case.case_schema import RUNS
 from rths_cli.case.load import PlacedSettings, load_written, written_case
+from rths_cli.case.rig_schema import CERTAIN, VirtualRigSpec
 from rths_cli.case.yaml_reader import dump
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
@@ -33,8 +35,7 @@ WHOLE = 2.0**53  # numbers up to it are whole where they have no fraction
 class SweptRow:
     """One row of a sweep: its file and number, its case, the seed of the session that it is played in, what overrode
     the check, its figures by path, a number or one per storey (n_storeys,), NaN where it has none, and the settings
-    that state what was the default when it was swept and is another now. With `other_runs` the runs are chosen anew,
-    and figures of the row that the result does not have are no difference."""
+    that state what was the default when it was swept and is another now."""
 
     path: Path
     number: int
@@ -43,13 +44,19 @@ class SweptRow:
     overrides: tuple[str, ...]
     figures: dict[str, Array]
     later: tuple[str, ...] = ()
-    other_runs: bool = False
+
+    @property
+    def left_out(self) -> set[str]:
+        """Return the figures of runs that the case leaves out: those are no difference."""
+        runs = self.case.runs
+        gone = {name for name in RUNS if name not in runs} | (set() if "exp_rths" in runs else {"check", "budget"})
+        return {path for path in self.figures if path.partition(".")[0] in gone}
 
     def differences(self, result: Result) -> list[str]:
         """Return a sentence for each figure of the row that a result has otherwise."""
         found = []
         for path, row in self.figures.items():
-            if self.other_runs and path not in result.metrics:
+            if path in self.left_out:
                 continue
             run = np.full(len(row), np.nan)
             own = np.atleast_1d(np.asarray(result.metrics.get(path, np.nan), dtype=float))
@@ -94,7 +101,7 @@ def read_row(path: Path, number: int, settings: Sequence[str] = ()) -> SweptRow:
     )
     if not any(key == "table" or key.startswith("table.uncertainty") for key in (*given, *varied)):
         later += _uncertainty_then(sweep, case)
-    return SweptRow(path, number, case, named.seed, overrides, _figures(sweep, number), later, "runs" in given)
+    return SweptRow(path, number, case, named.seed, overrides, _figures(sweep, number), later)
 
 
 def _uncertainty_then(sweep: Sweep, case: Case) -> tuple[str, ...]:
@@ -104,10 +111,15 @@ def _uncertainty_then(sweep: Sweep, case: Case) -> tuple[str, ...]:
     except yaml.YAMLError:
         return ()
     table = resolved.get("table") if isinstance(resolved, dict) else None
-    then = table.get("uncertainty") if isinstance(table, dict) else None
-    if not isinstance(then, dict) or then == case.table.uncertainty.model_dump():
+    then = table.get("uncertainty", {}) if isinstance(table, dict) else None
+    if not isinstance(then, dict) or not isinstance(case.table, VirtualRigSpec):
         return ()
-    return (f"table.uncertainty={dump(then)}",)
+    stated = {**CERTAIN.model_dump(), **then}  # a key that was not there yet had no effect
+    if stated == case.table.uncertainty.model_dump():
+        return ()
+    return (
+        f"table.uncertainty={yaml.safe_dump(stated, default_flow_style=True, sort_keys=False, width=1000).strip()}",
+    )
 
 
 def _texts(path: Path, text: str) -> list[str]:

@@ -13,6 +13,7 @@ from rths_cli.experiment import check
 from rths_cli.experiment.check import judge
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.model_files import save
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
@@ -69,3 +70,20 @@ def test_an_error_of_the_calibration_costs_what_is_expected(
     deviation[list(places)] = off
     expected = np.sqrt(np.einsum("p,spq,q->s", deviation, columns.gram, deviation))
     np.testing.assert_allclose(expected, np.sqrt(wrong**2 - right**2), rtol=within)
+
+
+def test_a_model_of_a_certain_rig_gets_the_bound_of_the_uncertainties_that_the_rig_states(
+    tmp_path: Path, memory: Memory
+) -> None:
+    """Its record showed no sensor. What the record of the session shows, changes, is not all that is uncertain."""
+    off = STATED + "high_pass_error=0.1"
+    certain = setup_of(CERTAIN, off)
+    save(tmp_path / "model.h5", certain, memory.identify(certain, lambda _: None), "made for this test", "0" * 64)
+    path, named = tmp_path / "result.h5", f"identification.model={tmp_path / 'model.h5'}"
+    assert run_case(setup_of(off, named), path, Memory(), "test", lambda _: None).status == "complete"
+    metrics = read_result(path).metrics
+    error, bound, usual = (
+        np.asarray(metrics[name])
+        for name in ("exp_rths.true_reference_rms_error_m_s2", "check.true_error_bound_m_s2", "check.rms_error_m_s2")
+    )
+    assert np.all(error > 3.0 * usual) and np.all(error < bound)

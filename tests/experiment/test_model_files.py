@@ -89,6 +89,17 @@ def test_every_bit_of_an_identification_comes_back(
     assert stored.about["data_source"] == "made for this test" and len(stored.sha256) == 64
 
 
+def test_a_model_of_a_rig_that_was_certain_drives_one_that_is_uncertain_by_default_and_not_the_other_way_round(
+    file: Path, tmp_path: Path, memory: Memory, default_setup: Setup
+) -> None:
+    certain = setup_of("table.uncertainty={corner: 0, skew_s: 0}")
+    save(tmp_path / "certain.h5", certain, memory.identify(certain, no_progress), "made for this test", "0" * 64)
+    assert load(tmp_path / "certain.h5", default_setup).found.calibration is None
+    for setup, path in ((certain, file), (setup_of("table.uncertainty.corner=0.2"), tmp_path / "certain.h5")):
+        with pytest.raises(InputError, match="another one"):
+            load(path, setup)
+
+
 def test_a_file_from_before_the_aliass_integral_was_known_has_none(default_identification: Identification) -> None:
     names = tuple(f"channel_{i}" for i in range(len(default_identification.frfs)))
     groups = {

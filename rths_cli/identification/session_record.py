@@ -239,7 +239,8 @@ class _Problem:
     def _driven(self) -> tuple[ComplexArray, ComplexArray, int]:
         """Return s in rad/s and the lines of the table's motion, of the record padded with rest, and its samples."""
         count = padded(len(self.table), self.dt_s)
-        return 2j * np.pi * np.fft.rfftfreq(count, self.dt_s), np.fft.rfft(self.table, count), count
+        s = np.asarray(2j * np.pi * np.fft.rfftfreq(count, self.dt_s), dtype=complex)
+        return s, np.fft.rfft(self.table, count), count
 
     def _slopes(self, by: Array) -> ComplexArray:
         """Return the slopes (2 n, n, m) of the floors' lines by what `_moved` takes."""

@@ -12,8 +12,12 @@ def slid(displacement: Array, reach: float) -> Array:
 
     It begins without force at a displacement of zero.
     """
-    force, found = 0.0, np.empty_like(displacement)
-    for k, step in enumerate((np.diff(displacement, prepend=0.0) / (reach or 1.0)).tolist()):
-        force = min(max(force + step, -1.0), 1.0)
-        found[k] = force
-    return found
+    force, found = 0.0, list[float]()
+    for step in (np.diff(displacement, prepend=0.0) / (reach or 1.0)).tolist():
+        force += step
+        if force > 1.0:  # min and max would take three times as long
+            force = 1.0
+        elif force < -1.0:
+            force = -1.0
+        found.append(force)
+    return np.array(found, dtype=float)

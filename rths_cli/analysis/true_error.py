@@ -140,8 +140,8 @@ def _readings(frequency_hz: Array, corners_hz: Array) -> ComplexArray:
 def _taken_up(frequency_hz: Array, corner_hz: float, table: Model, measured: Frf) -> ComplexArray:
     """Return the part (3, m) of the table's own readings that its alias takes up when the table is identified.
 
-    Least squares over the measured lines, weighed by their scatter as that fit is, in which gain, delay and curvature of
-    the model take up what they can, too: to that the loop holds the table as it does to the readings.
+    Least squares over the measured lines, weighed by their scatter as in that fit; gain, delay and curvature of
+    the model take up what they can, too, and to that the loop holds the table as it does to the readings.
     """
     f = measured.frequency_hz
     inside = (f >= table.band_hz[0]) & (f <= table.band_hz[1]) & np.isfinite(measured.relative_error)

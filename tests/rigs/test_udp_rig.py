@@ -168,7 +168,8 @@ def test_steps_count_from_the_last_arm_when_an_answer_to_arm_was_lost(start: Mak
     rig.arm()
     assert rig.link.status[links.BASE] == rig.link.status[links.LAST] >= 2
     rig.exchange(1.0)
-    assert [packet.sequence for packet in target.received][-1] == rig.link.status[links.BASE] + 1
+    step = rig.next_step - 1  # 1, or more where a busy machine was late by whole intervals
+    assert step >= 1 and [packet.sequence for packet in target.received][-1] == rig.link.status[links.BASE] + step
     assert rig.counts["sent"] == 1
     rig.close()
 

@@ -129,7 +129,7 @@ def sensitivities(
 
 
 def _readings(frequency_hz: Array, corners_hz: Array) -> ComplexArray:
-    """Return what channels (c,) read beyond the truth, relative (3, c, m), per log gain, log corner and lag."""
+    """Return what channels (c,) read beyond the truth, relative (3, c, m), per log gain, log corner and s of lag."""
     s, w = 2j * np.pi * frequency_hz, 2.0 * np.pi * np.asarray(corners_hz)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         coupling = np.where(np.abs(s + w) > 0.0, -w / (s + w), 0.0)
@@ -151,9 +151,8 @@ def _taken_up(frequency_hz: Array, corner_hz: float, table: Model, measured: Frf
     s = 2j * np.pi * f[inside] / table.band_hz[1]
     wanted = _readings(f[inside], np.array([corner_hz]))[:, 0] * weight
     rows = np.array([alias, np.ones(len(s)), s, s**2]) * weight
-    found = np.linalg.lstsq(np.hstack([rows.real, rows.imag]).T, np.hstack([wanted.real, wanted.imag]).T, rcond=None)[
-        0
-    ][0]
+    columns, sides = (np.hstack([each.real, each.imag]).T for each in (rows, wanted))
+    found = np.linalg.lstsq(columns, sides, rcond=None)[0][0]
     there = (frequency_hz >= table.band_hz[0]) & (frequency_hz <= table.band_hz[1])
     share = np.zeros(len(frequency_hz), dtype=complex)
     share[there] = _alias(frequency_hz[there], table)

@@ -65,7 +65,7 @@ class Expected:
     total: float  # and per V of their sum,
     late: int  # this number of intervals ago
     corner_hz: tuple[float, ...] | None = None  # (c,) of the AC couplings that the correction takes out, as identified
-    v_per_m_s2: tuple[float, ...] | None = None  # (c,) sensitivities, as identified; None, in a log of before: declared
+    v_per_m_s2: tuple[float, ...] | None = None  # (c,) sensitivities, as identified; None: an earlier log has none
 
     def answer(self, command_v: Array) -> Array:
         """Return the response of the identified rig to commands (n,) in V, as corrected samples (c, n)."""

@@ -62,7 +62,7 @@ def with_session(
     from rths_cli.identification.sensor_calibration import as_stated, priors_of
     from rths_cli.identification.session_record import in_session
 
-    if known.calibration is None and setup.rig.calibrates:  # a model of before the rig stated its uncertainties
+    if known.calibration is None and setup.rig.calibrates:  # identified as certain: only the priors are known
         known = replace(known, calibration=as_stated(priors_of(setup.rig, setup.removes_sensors, known.best)))
     return in_session(known, change), tuple(_sentences(setup, change))
 

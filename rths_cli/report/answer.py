@@ -505,7 +505,7 @@ def _errors(result: Result, storeys: Sequence[int]) -> Iterator[Column]:
 
 def shown_storeys(result: Result, run: str) -> list[int]:
     """Return the storeys to show, from 0, the roof first: up to five all, else the three that drift most, the roof and
-    those that the verdict names.
+    those that the answer names.
 
     Without drifts the storeys with the largest errors are shown.
     """
@@ -518,8 +518,19 @@ def shown_storeys(result: Result, run: str) -> list[int]:
     return sorted({*largest, sizes.size - 1, *_named_storeys(result)}, reverse=True)
 
 
+def _worst_peak(result: Result) -> tuple[int, float] | None:
+    """Return the storey, from 0, with the largest peak error, and that error in % of SIM's peak; None without one."""
+    peaks = np.atleast_1d(np.asarray(result.metrics.get("exp_rths.peak_error_percent", ()), dtype=float))
+    if not (peaks.size and np.isfinite(peaks).any()):
+        return None
+    worst = int(np.nanargmax(peaks))
+    return worst, float(peaks[worst])
+
+
 def _named_storeys(result: Result) -> Iterator[int]:
-    """Yield the storeys, from 0, that the verdict names."""
+    """Yield the storeys, from 0, that the verdict and the sentence on the largest peak error name."""
+    if (worst := _worst_peak(result)) is not None:
+        yield worst[0]
     if (found := grade(result)) is None:
         return
     yield found.storey - 1
@@ -621,10 +632,8 @@ def fidelity(result: Result) -> str:
         delay_ms, times = 1e3 * float(np.asarray(delay)), float(np.asarray(gain))
         late = f"{three(abs(delay_ms))} ms {'late' if delay_ms >= 0.0 else 'early'}"
         said.append(f"The shake table was {late} and moved {times:.4f} times as desired (FEI).")
-    peaks = np.atleast_1d(np.asarray(result.metrics.get("exp_rths.peak_error_percent", ()), dtype=float))
-    if peaks.size and np.isfinite(peaks).any():
-        worst = int(np.nanargmax(peaks))
-        said.append(f"Worst peak error {three(float(peaks[worst]))} % of SIM's peak (storey {worst + 1}).")
+    if (worst := _worst_peak(result)) is not None:
+        said.append(f"Worst peak error {three(worst[1])} % of SIM's peak (storey {worst[0] + 1}).")
     return " ".join(said)
 
 

@@ -212,6 +212,10 @@ def test_of_a_tall_building_the_storeys_that_the_verdict_names_are_shown(tmp_pat
     assert shown_storeys(result, "sim") == [6, 5, 4, 3, 2, 1, 0]
     one = read_result(written(tmp_path / "one.h5", {k: v for k, v in values.items() if not k.startswith("check")}))
     assert shown_storeys(one, "sim") == [6, 5, 4, 3, 2, 1]
+    peaks = {"exp_rths.peak_error_percent": np.array([9.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])}
+    assert 0 in shown_storeys(read_result(written(tmp_path / "peak.h5", values | peaks)), "sim")
+    only = {k: v for k, v in values.items() if k.startswith("sim.")} | peaks
+    assert shown_storeys(read_result(written(tmp_path / "only.h5", only)), "sim") == [6, 4, 3, 1, 0]
 
 
 def test_several_results_are_compared_row_by_row(tmp_path: Path) -> None:

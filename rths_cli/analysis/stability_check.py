@@ -23,7 +23,6 @@ from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model
 from rths_cli.rigs.description import BRAKE_SHARE, RigInfo
 
 SAFE, UNSAFE, UNSTABLE = VERDICTS = "safe", "unsafe", "unstable"  # the worst last
-GAIN_CHANGE = 0.1  # assumed change of the table's gain between identification and the end of a test
 UNSEEN_CHANGE, UNCOMPARED_CHANGE = 0.01, 0.06  # change of its response that a verification accepts; without low level
 SIGMA = 3.0  # standard uncertainties of the measured response
 LEAST_DELAY_S = 1e-3  # further delay that a loop must tolerate if a smaller one is not justified
@@ -45,7 +44,7 @@ class Stability:
     """Stability of the sampled loop and its margins, with the loop broken at the command.
 
     The tolerated error is the relative error of the table's response that makes the loop unstable, together with the
-    worst gain within GAIN_CHANGE. It is the smaller one for the measured response beyond its scatter and for the model.
+    worst change of its gain within SIGMA standard uncertainties. It is the smaller one for the measured response beyond its scatter and for the model.
     """
 
     radius: float  # spectral radius of the closed-loop matrix
@@ -243,11 +242,12 @@ def _beyond(row: Reach, largest: float, last: bool) -> Fault:
 
 def stability(
     rig: IdentifiedRig, blocks: Blocks, storeys: Block, model: Model, measured: Frf, samples: int,
-    levels: Sequence[LevelBand] = (), compared: ComparedBand = USUAL,
+    levels: Sequence[LevelBand] = (), compared: ComparedBand = USUAL, gain_uncertainty: float = 0.0,
 ) -> Stability:  # fmt: skip
     """Return the stability of the sampled loop of identified rig and blocks, for a record of `samples` samples.
 
-    `levels`: the table's response at low level over that at full level, () without a record at low level. `compared`:
+    `gain_uncertainty`: relative standard uncertainty of the table's gain from the last verification to the end of the
+    test. `levels`: the table's response at low level over that at full level, () without a record at low level. `compared`:
     band in which the model was compared with its data.
     """
     matrix = closed_loop_matrix(rig, blocks)
@@ -259,7 +259,9 @@ def stability(
     scatter = ratio_error(model, measured, frequency, compared)
     on_data, seen = loop.with_rig(ratio), loop.with_rig(_beyond_scatter(ratio, scatter))
     identified_hz = max(model.band_hz[1], compared.high_hz)
-    gains = np.stack([_worst_gain(each, frequency, identified_hz) for each in (seen, loop.loop)])
+    gains = np.stack(
+        [_worst_gain(each, frequency, identified_hz, SIGMA * gain_uncertainty) for each in (seen, loop.loop)]
+    )
     errors = np.stack([_tolerated(each, gain) for each, gain in zip((seen, loop.loop), gains, strict=True)])
     tolerated, gain = errors.min(axis=0), np.where(errors[0] <= errors[1], *gains)
     measured_hz = model.band_hz[0], min(model.band_hz[1], float(measured.frequency_hz[-1]))
@@ -288,14 +290,14 @@ def growth(radius: float, samples: int) -> float:
     return float(np.exp(min(samples * math.log(radius), math.log(MOST_GROWN)))) if radius > 0.0 else 0.0
 
 
-def _worst_gain(loop: ComplexArray, frequency_hz: Array, identified_hz: float) -> Array:
-    """Return the factor (n,) on the table's gain, within GAIN_CHANGE, that brings the loop gain nearest to -1.
+def _worst_gain(loop: ComplexArray, frequency_hz: Array, identified_hz: float, change: float) -> Array:
+    """Return the factor (n,) on the table's gain, within the relative `change`, that brings the loop gain nearest to -1.
 
     It is one beyond the identified band, where the required error covers any change. The remaining relative error
     |1 + 1 / (g L)| is, squared, a parabola in 1 / g.
     """
     over = 1.0 / np.where(np.abs(loop) > LEAST_LOOP, loop, LEAST_LOOP)
-    share = np.clip(-over.real / np.abs(over) ** 2, 1.0 / (1.0 + GAIN_CHANGE), 1.0 / (1.0 - GAIN_CHANGE))
+    share = np.clip(-over.real / np.abs(over) ** 2, 1.0 / (1.0 + change), 1.0 / (1.0 - change))
     return np.where(frequency_hz <= identified_hz, 1.0 / share, 1.0)
 
 

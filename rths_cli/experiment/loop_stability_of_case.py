@@ -56,9 +56,12 @@ def loop_stability(
     """
     rig, storeys = loop_parts(setup, identified, there, blocks.counters_reaction)
     blocks, samples = blocks.linearised(), len(setup.motion.time_s)
-    asked = content_key(rig, blocks, storeys, identified.best, identified.frfs[0], identified.levels, setup.compared)
+    gain = setup.rig.uncertainty.table_gain
+    data = identified.best, identified.frfs[0], identified.levels
     found = (shared or SharedValues()).get(
-        "stability", asked, lambda: _stability(rig, blocks, storeys, identified, samples, setup.compared)
+        "stability",
+        content_key(rig, blocks, storeys, *data, setup.compared, gain),
+        lambda: _stability(rig, blocks, storeys, identified, samples, setup.compared, gain),
     )
     return replace(found, growth=preflight.growth(found.radius, samples))
 
@@ -93,18 +96,19 @@ def _stability(
     identified: Identification,
     samples: int,
     compared: ComparedBand,
+    gain: float,
 ) -> preflight.Stability:
-    """Return the stability of the loop.
+    """Return the stability of the loop; `gain`: relative standard uncertainty of the table's gain.
 
     For a feedback with a limit it is the worse of the loops with and without feedback, because a feedback at its limit
     has no effect.
     """
     best, measured, levels = identified.best, identified.frfs[0], identified.levels
-    found = preflight.stability(rig, blocks, storeys, best, measured, samples, levels, compared)
+    found = preflight.stability(rig, blocks, storeys, best, measured, samples, levels, compared, gain)
     if not math.isfinite(blocks.feedback_limit_v):
         return found
     alone = replace(blocks, feedback=none(rig.plant.dt_s))
-    without = preflight.stability(rig, alone, storeys, best, measured, samples, levels, compared)
+    without = preflight.stability(rig, alone, storeys, best, measured, samples, levels, compared, gain)
     worse = min(found, without, key=lambda each: (each.radius < 1.0, each.tolerates / each.required))
     late = min(found.measured, without.measured, key=lambda each: each.delay_margin_s)
     return replace(worse, apart=max(found.apart, without.apart), measured=late)

@@ -15,7 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from rths_cli.case.resolve import VARIED
-from rths_cli.case.rig_schema import CERTAIN, RealRigSpec, RigSpec, UncertaintySpec, VirtualRigSpec
+from rths_cli.case.rig_schema import (
+    CERTAIN,
+    RealRigSpec,
+    RigSpec,
+    UncertaintySpec,
+    VirtualRigSpec,
+    VirtualUncertaintySpec,
+)
 from rths_cli.errors import InputError
 from rths_cli.experiment.model_datasets import from_groups, to_groups
 from rths_cli.experiment.provenance import git_commit, package_version
@@ -41,6 +48,7 @@ HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
     "sensors": LEVELS,
     "channels": {"__all__": LEVELS},
     "imperfections": {"laboratory"},
+    "uncertainty": {"table_gain"},
     "calibration": {
         **dict.fromkeys(("made_utc", "by", "model", "masses"), True),
         "channels": {"__all__": {"sensitivity_uncertainty", "joint_uncertainty"}},
@@ -138,17 +146,21 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
 def _with_earlier_default(table: RigSpec) -> RigSpec:
     """Return a rig as a model of it was identified before virtual rigs were uncertain by default; other rigs as they
     are."""
-    usual = (
-        isinstance(table, VirtualRigSpec) and table.uncertainty == VirtualRigSpec.model_fields["uncertainty"].default
-    )
+    default = VirtualUncertaintySpec()
+    usual = isinstance(table, VirtualRigSpec) and _but_table_gain(table.uncertainty) == _but_table_gain(default)
     return table.model_copy(update={"uncertainty": CERTAIN}) if usual else table
+
+
+def _but_table_gain(stated: UncertaintySpec) -> dict[str, float]:
+    return stated.model_dump(exclude=HARDWARE_ONLY["uncertainty"])
 
 
 def _identified_rig(table: RigSpec) -> str:
     """Return what of a rig file a model depends on; further channels are no part of it, nor are the uncertainties that
     a rig had by default when models began to depend on them: models of that time stay valid."""
     first = UncertaintySpec() if isinstance(table, RealRigSpec) else CERTAIN
-    beside = HARDWARE_ONLY | ({"uncertainty": True} if table.uncertainty == first else {})
+    as_at_first = _but_table_gain(table.uncertainty) == _but_table_gain(first)
+    beside = HARDWARE_ONLY | ({"uncertainty": True} if as_at_first else {})
     if isinstance(table, RealRigSpec):
         own = table.model_copy(update={"channels": table.accelerometers or None})
         return own.model_dump_json(exclude=beside)

@@ -271,7 +271,7 @@ def _of_check() -> Iterator[Quantity]:
         (
             "tolerated_table_error",
             "1",
-            "error of the table's response, gain up to 10 % off, that makes the loop unstable",
+            "error of the table's response, gain up to 3 uncertainty.table_gain off, that makes the loop unstable",
         ),
         ("required_table_error", "1", "relative error of the table's response that the loop must stand there"),
         ("table_error_hz", "Hz", "where the two are nearest to each other"),

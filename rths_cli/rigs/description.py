@@ -90,8 +90,9 @@ class Limits:
 @dataclass(frozen=True)
 class Uncertainty:
     """Standard uncertainties of what a laboratory declares beside sensitivities: AC corners and weighed masses relative
-    to their values, the instants at which channels are sampled in s, and the relative changes of a sensitivity and of
-    the specimen's stiffness from the identification to the test. 0: exactly as declared.
+    to their values, the instants at which channels are sampled in s, the relative changes of a sensitivity and of
+    the specimen's stiffness from the identification to the test, and that of the table's gain from the verification
+    before a test to its end. 0: exactly as declared.
 
     `masses`: of each floor on the table, where a calibration states what scales showed; (): all as `mass`.
     """
@@ -101,6 +102,7 @@ class Uncertainty:
     mass: float = 0.003
     drift: float = 0.0005
     specimen: float = 0.005
+    table_gain: float = 0.03
     masses: tuple[float, ...] = ()
 
     @property

@@ -114,7 +114,7 @@ def _uncertainty_then(sweep: Sweep, case: Case) -> tuple[str, ...]:
     then = table.get("uncertainty", {}) if isinstance(table, dict) else None
     if not isinstance(then, dict) or not isinstance(case.table, VirtualRigSpec):
         return ()
-    stated = {**CERTAIN.model_dump(), **then}  # a key that was not there yet had no effect
+    stated = {**CERTAIN.model_dump(), **then}  # a key that was not there yet: as rths judged then
     if stated == case.table.uncertainty.model_dump():
         return ()
     return (

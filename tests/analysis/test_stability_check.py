@@ -46,6 +46,7 @@ CRITICAL = CriticalDelay(8e-3, 9.3, 0.0)
 MARGINS = Margins(2.0, 3.0, 40.0, 4e-3, 1.5, 9.0, 12.0)
 STABLE = Stability(0.9995, 1e-4, MARGINS, MARGINS, 0.2, 0.06, 9.3)
 LEVELS = (LevelBand(0.7, 2.0, 1.02 + 0j, 1e-3), LevelBand(2.0, 5.0, 1.0 + 0.01j, 1e-3))
+GAIN = 0.1 / 3.0
 ROWS = (Reach("velocity", 0.3, 1.0, "m/s"), Reach("command", 5.0, 10.0, "V"))
 
 
@@ -196,12 +197,14 @@ def the_rig(latency: int = 1) -> IdentifiedRig:
     return replace(rig_as_identified(ideal_info(latency_samples=latency))[0], ripple_m_s2_per_v=0.0)
 
 
-def found_for(blocks: Blocks, factor: float = 1.0, samples: int = 20000) -> Stability:
-    """Return the stability on the true rig, whose measured response is the model's times a factor."""
+def found_for(blocks: Blocks, factor: float = 1.0, samples: int = 20000, gain: float = GAIN) -> Stability:
+    """Return the stability on the true rig, whose measured response is the model's times a factor; `gain`: standard
+    uncertainty of the table's gain."""
     model = rig_as_identified(ideal_info())[1]
     f = np.arange(5, 600) * 0.1
     data = Frf(f, factor * model.sampled_response(f), np.ones(len(f)), np.full(len(f), 1e-3), 10)
-    return stability(the_rig(), blocks, all_storeys(storeys(), DT_S), model, data, samples, LEVELS)
+    parts = all_storeys(storeys(), DT_S)
+    return stability(the_rig(), blocks, parts, model, data, samples, LEVELS, gain_uncertainty=gain)
 
 
 def of_gain(rig: IdentifiedRig, gain: float) -> IdentifiedRig:
@@ -255,16 +258,17 @@ def test_an_endless_growth_stays_a_number() -> None:
     assert found.growth == pytest.approx(1e99)
 
 
+@pytest.mark.parametrize("gain", [GAIN, 0.01, 0.0])
 @pytest.mark.parametrize("make", [best_like, paper_like])
-def test_the_grid_finds_the_peak_that_a_fine_one_finds(make: Callable[[RigInfo], Blocks]) -> None:
+def test_the_grid_finds_the_peak_that_a_fine_one_finds(make: Callable[[RigInfo], Blocks], gain: float) -> None:
     """And margins on the measured response are those of the model where both agree."""
     blocks = make(ideal_info())
-    found = found_for(blocks)
+    found = found_for(blocks, gain=gain)
     f = np.geomspace(0.05, 800.0, 60000)
     loop = loop_response(the_rig(), blocks, all_storeys(storeys(), DT_S), points(f, DT_S)).loop
     assert found.modelled.sensitivity_peak == pytest.approx(np.abs(1.0 / (1.0 + loop)).max(), rel=5e-3)
     assert found.measured.sensitivity_peak == pytest.approx(found.modelled.sensitivity_peak, rel=1e-3)
-    gains = np.where(f <= 60.0, np.linspace(0.9, 1.1, 201)[:, None], 1.0)
+    gains = np.where(f <= 60.0, np.linspace(1.0 - 3.0 * gain, 1.0 + 3.0 * gain, 201)[:, None], 1.0)
     scatter = np.where(f < 60.0, 1e-3 / math.sqrt(5.0), 0.0)  # the mean of 5 lines of one part in a thousand
     errors = np.abs(1.0 + gains * loop) / np.abs(gains * loop)
     tolerated = errors.min(axis=0) / required(f, rig_as_identified(ideal_info())[1].band_hz, scatter, LEVELS)

@@ -104,6 +104,7 @@ def test_a_virtual_rig_without_a_model_is_identified_and_that_is_said(memory: Me
         ((), CASE, "safe", ""),
         (("method=paper",), CASE, "safe", ""),
         ((), BARE, "unsafe", "with 0.923 times the table's gain the loop tolerates only"),
+        (("table.uncertainty.table_gain=0.01",), BARE, "safe", ""),
         (("controller=none",), CASE, "unstable", "spectral radius"),
         (("scaling=0.9",), CASE, "unsafe", "the largest safe scaling is"),
     ],
@@ -114,7 +115,7 @@ def test_verdicts(memory: Memory, settings: tuple[str, ...], case: str, verdict:
     assert (word in " ".join(found.reasons)) if word else found.reasons == ()
     assert (value(found, "spectral_radius") >= 1.0) == (verdict == "unstable")
     assert ("check.rms_error_m_s2" in found.metrics) == (verdict != "unstable")
-    assert (value(found, "largest_scaling") == 0.0) == (verdict == "unstable" or case == BARE)
+    assert (value(found, "largest_scaling") == 0.0) == (verdict == "unstable" or (case == BARE and verdict == "unsafe"))
 
 
 def test_figures_against_known_ones(memory: Memory) -> None:

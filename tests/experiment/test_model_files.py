@@ -100,6 +100,14 @@ def test_a_model_of_a_rig_that_was_certain_drives_one_that_is_uncertain_by_defau
             load(path, setup)
 
 
+def test_what_a_loop_must_tolerate_is_no_part_of_what_a_model_is(file: Path, tmp_path: Path, memory: Memory) -> None:
+    other = setup_of("table.uncertainty.table_gain=0.05")
+    assert load(file, other).found.calibration is not None
+    certain = setup_of("table.uncertainty={corner: 0, skew_s: 0, table_gain: 0.05}")
+    save(tmp_path / "certain.h5", certain, memory.identify(certain, no_progress), "made for this test", "0" * 64)
+    assert load(tmp_path / "certain.h5", other).found.calibration is None
+
+
 def test_a_file_from_before_the_aliass_integral_was_known_has_none(default_identification: Identification) -> None:
     names = tuple(f"channel_{i}" for i in range(len(default_identification.frfs)))
     groups = {

@@ -117,6 +117,19 @@ def test_a_row_of_a_sweep_on_a_rig_that_was_certain_by_default_says_how_to_play_
     assert read_row(old, 1, (setting,)).later == ()
 
 
+def test_a_row_of_a_sweep_whose_loops_had_to_tolerate_a_tenth_of_gain_says_how_to_judge_it_as_then(
+    folder: Path, tmp_path: Path
+) -> None:
+    old = tmp_path / "old.h5"
+    old.write_bytes((folder / "s.h5").read_bytes())
+    with h5py.File(old, "r+") as file:
+        lines = file["case_resolved"].asstr()[()].splitlines(keepends=True)
+        file["case_resolved"][()] = "".join(line for line in lines if "table_gain" not in line)
+    (setting,) = read_row(old, 1).later
+    stated = read_row(old, 1, (setting,)).case.table.uncertainty
+    assert (stated.table_gain, stated.corner, stated.skew_s) == pytest.approx((0.1 / 3.0, 0.1, 25e-6))
+
+
 def test_figures_of_runs_that_are_left_out_are_no_difference(folder: Path) -> None:
     row, nothing = read_row(folder / "s.h5", 1, ("runs=[sim]",)), SimpleNamespace(metrics={})
     assert row.differences(nothing) == [] and row.left_out == set(row.figures)  # type: ignore[arg-type]

@@ -166,7 +166,10 @@ class Truth:
         ones = np.ones(len(LINES_HZ))
         true = Frf(LINES_HZ, self.linear(self.velocity_m_s) + self._model.alias(LINES_HZ), ones, 1e-6 * ones, 100)
         samples = len(setup.motion.time_s)
-        return stability(rig, design.blocks, storeys, identified.best, true, samples, identified.levels)
+        gain = setup.rig.uncertainty.table_gain
+        return stability(
+            rig, design.blocks, storeys, identified.best, true, samples, identified.levels, gain_uncertainty=gain
+        )
 
     @property
     def failed(self) -> bool:

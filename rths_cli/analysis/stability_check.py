@@ -44,7 +44,8 @@ class Stability:
     """Stability of the sampled loop and its margins, with the loop broken at the command.
 
     The tolerated error is the relative error of the table's response that makes the loop unstable, together with the
-    worst change of its gain within SIGMA standard uncertainties. It is the smaller one for the measured response beyond its scatter and for the model.
+    worst change of its gain within SIGMA standard uncertainties. It is the smaller one for the measured response beyond
+    its scatter and for the model.
     """
 
     radius: float  # spectral radius of the closed-loop matrix
@@ -247,8 +248,8 @@ def stability(
     """Return the stability of the sampled loop of identified rig and blocks, for a record of `samples` samples.
 
     `gain_uncertainty`: relative standard uncertainty of the table's gain from the last verification to the end of the
-    test. `levels`: the table's response at low level over that at full level, () without a record at low level. `compared`:
-    band in which the model was compared with its data.
+    test. `levels`: the table's response at low level over that at full level, () without a record at low level.
+    `compared`: band in which the model was compared with its data.
     """
     matrix = closed_loop_matrix(rig, blocks)
     values = np.linalg.eigvals(matrix).astype(complex)
@@ -291,7 +292,7 @@ def growth(radius: float, samples: int) -> float:
 
 
 def _worst_gain(loop: ComplexArray, frequency_hz: Array, identified_hz: float, change: float) -> Array:
-    """Return the factor (n,) on the table's gain, within the relative `change`, that brings the loop gain nearest to -1.
+    """Return the factor (n,) on the table's gain, within the relative `change`, that brings the loop gain next to -1.
 
     It is one beyond the identified band, where the required error covers any change. The remaining relative error
     |1 + 1 / (g L)| is, squared, a parabola in 1 / g.

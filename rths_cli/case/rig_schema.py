@@ -150,7 +150,7 @@ class NominalSpec(Strict):
     payload_kg: Annotated[float, Range(gt=0, le=1e6)] = Field(default=23.0, description=PAYLOAD)
 
 
-TABLE_GAIN = "of the table's gain, relative, from the verification before a test to its end; the loop must tolerate three"
+TABLE_GAIN = "of the table's gain, relative, from the verification before a test to its end; a loop must tolerate three"
 
 
 class UncertaintySpec(Strict):

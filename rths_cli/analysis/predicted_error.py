@@ -16,6 +16,7 @@ from rths_cli.analysis.fourier_lines import Lines
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.quantisation import rounding_power
 from rths_cli.control.friction_compensation import FrictionFeedforward
+from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.identification.results import Friction
 from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model, hold_size
@@ -37,10 +38,15 @@ class Errors:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted errors by cause and in total, and the undisturbed motion on lines."""
+    """Predicted errors by cause and in total, and the undisturbed motion on lines.
+
+    `true` (n_storeys,): RMS errors in m/s^2 of the true accelerations, which do not contain what sensors add to the
+    motions that they report.
+    """
 
     causes: Mapping[str, Errors]
     total: Errors
+    true: Array
     nominal: Motion
 
 
@@ -86,15 +92,16 @@ def predict(known: Known) -> Prediction:
         "coupling": np.zeros_like(nominal.tracking),
         "latency": nominal.tracking,
     } | {name: motion.tracking for name, motion in made.items()}
-    powers = _stochastic(known, nominal)
+    powers, of_true = _stochastic(known, nominal)
     causes = {name: Errors(_rms(known, series[name]), float(_rms(known, tracking[name]))) for name in series}
     causes |= {name: Errors(np.sqrt(power[:-1]), float(np.sqrt(power[-1]))) for name, power in powers.items()}
     random = np.sum(list(powers.values()), axis=0)
+    certain = _rms(known, np.sum(list(series.values()), axis=0)) ** 2
     together = Errors(
-        np.sqrt(_rms(known, np.sum(list(series.values()), axis=0)) ** 2 + random[:-1]),
+        np.sqrt(certain + random[:-1]),
         float(np.sqrt(_rms(known, np.sum(list(tracking.values()), axis=0)) ** 2 + random[-1])),
     )
-    return Prediction(causes, together, nominal)
+    return Prediction(causes, together, np.sqrt(certain + of_true), nominal)
 
 
 def _rms(known: Known, lines: ComplexArray) -> Array:
@@ -171,29 +178,33 @@ def at_once(model: Model, frequency_hz: Array) -> ComplexArray:
     return model.response(frequency_hz) * late / hold_size(frequency_hz, model.dt_s)
 
 
-def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
-    """Return the power (n_storeys + 1,) in the test band of each random cause, for the storeys, then for tracking."""
+def _stochastic(known: Known, nominal: Motion) -> tuple[dict[str, Array], Array]:
+    """Return the power (n_storeys + 1,) in the test band of each random cause, for the storeys, then for tracking, and
+    that of all together (n_storeys,) in the true motions."""
     lines, dt = known.lines, known.rig.dt_s
     bit = known.rig.converters.step_v
     sizes = np.array([c.sensitivity_v_per_unit for c in known.rig.channels])
     corrected = np.einsum("ccm->cm", known.correction.response(lines.frequency_hz[1:])) * sizes[:, None]
     corrected = np.concatenate([np.zeros((len(sizes), 1)), corrected], axis=1)
     noise, bits = white_noise_m_s2(known), bit / sizes
-    dither = noise.copy()  # spreads the samples' rounding errors over all frequencies
-    dither[0] = np.hypot(noise[0], _shaken_m_s2(known))
+    shape = 1.0 - 1.0 / lines.z if known.shaped else np.ones_like(lines.z)
+    moved = hybrid(known.loop, np.zeros_like(known.ground), np.zeros_like(known.floors), shape)
+    shaken = _shaken(known, moved)  # spreads the samples' rounding errors
     series = lines.series(nominal.corrected)
     powers = {cause: np.zeros(len(nominal.storeys) + 1) for cause in ("noise", "quantisation", "rounding")}
+    of_true = np.zeros(len(nominal.storeys))
     for channel in range(len(sizes)):
         unit = np.zeros_like(known.floors)
         unit[channel] = corrected[channel]
-        density = _density(known, hybrid(known.loop, np.zeros_like(known.ground), unit))
+        made = hybrid(known.loop, np.zeros_like(known.ground), unit)
+        density = _density(known, made)
         rounded = rounding_power(
-            lines.frequency_hz, series[channel], lines.reduced_dt_s, bits[channel], dither[channel], dt
+            lines.frequency_hz, series[channel], lines.reduced_dt_s, bits[channel], noise[channel], dt, shaken[channel]
         )
         powers["noise"] += noise[channel] ** 2 * density.sum(axis=1)
         powers["quantisation"] += density @ rounded[1:]
-    shape = 1.0 - 1.0 / lines.z if known.shaped else np.ones_like(lines.z)
-    moved = hybrid(known.loop, np.zeros_like(known.ground), np.zeros_like(known.floors), shape)
+        made.storeys[len(nominal.storeys) - len(sizes) + channel] -= unit[channel] * known.loop.ahead
+        of_true += _density(known, made)[:-1] @ (noise[channel] ** 2 + rounded[1:])
     command = lines.series(nominal.command_v)
     # noise shaping adds earlier rounding errors to the command, which then varies fast enough for white noise
     rounded = (
@@ -202,21 +213,35 @@ def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
         else rounding_power(lines.frequency_hz, command, lines.reduced_dt_s, bit, 0.0, dt)
     )
     powers["rounding"] += _density(known, moved) @ rounded[1:]
-    return powers
+    return powers, of_true + powers["rounding"][:-1]
 
 
-def _shaken_m_s2(known: Known) -> float:
-    """Return the rms of the table's acceleration above the lines that the rounding of a noise-shaped command causes.
+def _shaken(known: Known, moved: Motion) -> list[tuple[float, float]]:
+    """Return the rms in m/s^2 of each channel's acceleration by the rounding of a noise-shaped command, and of its rate
+    in m/s^3; zeros where commands are rounded as they are.
 
-    The table is its model there, also above the model's band.
+    `moved`: the loop's response to white noise of variance one per sample. Above the lines the table is its model, also
+    beyond the model's band, and the loop is open.
     """
     if not known.shaped:
-        return 0.0
-    dt = known.rig.dt_s
-    f = np.linspace(known.lines.highest_hz, 0.5 / dt, SHAKEN_POINTS)
-    size = np.abs(known.model.response(f) * 2.0 * np.sin(np.pi * f * dt)) ** 2
-    bit = known.rig.converters.step_v
-    return float(np.sqrt(bit**2 / 12.0 * 2.0 * dt * np.trapezoid(size, f)))
+        return [(0.0, 0.0)] * len(known.floors)
+    lines, dt, variance = known.lines, known.rig.dt_s, known.rig.converters.step_v**2 / 12.0
+    f = np.linspace(lines.highest_hz, 0.5 / dt, SHAKEN_POINTS)
+    table = known.model.response(f) * 2.0 * np.sin(np.pi * f * dt)
+    floors = np.ones((1, len(f)))
+    if known.specimen is not None:
+        floors = np.vstack([floors, specimen_state_space(known.specimen).response(f)[:, 0]])
+    above = 2.0 * dt * np.abs(table * floors) ** 2
+    below = 2.0 * np.abs(moved.corrected[: len(floors)]) ** 2 / lines.padded
+    found = []
+    for low, high in zip(below, above, strict=True):
+        each = (
+            variance * (np.sum(low * by(lines.frequency_hz)) + np.trapezoid(high * by(f), f))
+            for by in (np.ones_like, lambda at: (2.0 * np.pi * at) ** 2)
+        )
+        size, rate = (float(np.sqrt(power)) for power in each)
+        found.append((size, rate))
+    return found + [(0.0, 0.0)] * (len(known.floors) - len(found))
 
 
 def white_noise_m_s2(known: Known) -> Array:

@@ -4,7 +4,8 @@ The error of rounding s to steps q is, up to its sign, the sum over n of q / (pi
 steps, the n-th term is a wave of frequency n s' / q. Its power q^2 / (2 pi^2 n^2) is distributed over frequency like
 the rate s', as a Gauss curve of standard deviation n rms(s') / q (Bennett, Bell System Technical Journal 27, 1948,
 446). With slow signals this power stays at low frequencies, in the test band. White noise of the channel spreads the
-fraction 1 - exp(-(2 pi n noise / q)^2) of it over all lines.
+fraction 1 - exp(-(2 pi n noise / q)^2) of it over all lines; a random motion that is faster than the signal spreads a
+fraction of the same form over its own Gauss curve.
 """
 
 from __future__ import annotations
@@ -19,25 +20,32 @@ WHITE = 3.0  # a Gauss curve counts as white if the sample rate is less than thi
 
 
 def rounding_power(
-    frequency_hz: Array, signal: Array, signal_dt_s: float, step: float, noise: float, dt_s: float
-) -> Array:
+    frequency_hz: Array, signal: Array, signal_dt_s: float, step: float, noise: float, dt_s: float,
+    shaken: tuple[float, float] = (0.0, 0.0),
+) -> Array:  # fmt: skip
     """Return, for each line (m,), the variance per sample of white noise with the same power there as the rounding.
 
     `signal` (n,), sampled every `signal_dt_s`, contains white `noise` (rms per sample) and is rounded to multiples of
-    `step` every `dt_s`; all in the same unit. The rounding error is at most the signal itself.
+    `step` every `dt_s`; all in the same unit. `shaken`: rms of a random motion that the signal lacks, and of its rate
+    per s. The rounding error is at most the signal itself.
     """
     if step <= 0.0:
         return np.zeros(len(frequency_hz))
     count = max(round(WINDOW_S / signal_dt_s), 2)
     windows = signal[: max(len(signal) // count, 1) * count].reshape(-1, min(count, len(signal)))
     rate = np.sqrt(np.mean((np.diff(windows, axis=1) / signal_dt_s) ** 2, axis=1))
-    lost = np.minimum(12.0 * (np.mean(windows**2, axis=1) + noise**2) / step**2, 1.0)
+    lost = np.minimum(12.0 * (np.mean(windows**2, axis=1) + noise**2 + shaken[0] ** 2) / step**2, 1.0)
     found = np.zeros(len(frequency_hz))
     white = step**2 / 12.0
     for n in range(1, HARMONICS + 1):
-        power = step**2 / (2.0 * np.pi**2 * n**2) * np.exp(-((2.0 * np.pi * n * noise / step) ** 2))
-        white -= power
-        found += power * (lost @ _spread(frequency_hz, n * rate / step, dt_s)) / len(lost)
+        power = step**2 / (2.0 * np.pi**2 * n**2)
+        left, slow = (
+            float(power * np.exp(-((2.0 * np.pi * n / step) ** 2) * size))
+            for size in (noise**2, noise**2 + shaken[0] ** 2)
+        )
+        white -= left
+        parts = ((slow, rate), (left - slow, np.hypot(rate, shaken[1])))
+        found += sum(part * (lost @ _spread(frequency_hz, n * speed / step, dt_s)) for part, speed in parts) / len(lost)
     return found + white * float(lost.mean())
 
 

@@ -4,7 +4,7 @@ analysis/stability_check.py."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -40,7 +40,7 @@ from rths_cli.structure.tangents import at_rest, with_specimen
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
     from rths_cli.analysis.identified_rig_block import IdentifiedRig
-    from rths_cli.analysis.predicted_error import Prediction
+    from rths_cli.analysis.predicted_error import Errors, Prediction
     from rths_cli.analysis.sim import Response
     from rths_cli.analysis.true_error import Remedy, TrueError
     from rths_cli.control.designed_blocks import Blocks
@@ -144,7 +144,7 @@ def _judge_one(
         replay = partial(Replayed, setup, whole, played, rig, known, _sim_with_laws(setup, whole, shared))
         rows, further = simulated.reach, (*further, *simulated.faults)
         total = simulated.total
-        stable = None if total is None else replace(stable, causes=simulated.causes, total=total)
+        stable = None if total is None else _with_laws(stable, simulated.causes, total)
     critical = critical_delay(building)
     feedback = setup.case.controller.kind == "FF+FB"
     least_s = required_delay_s(setup, identified, design.blocks)
@@ -178,6 +178,15 @@ def _judge_one(
     )  # fmt: skip
 
 
+def _with_laws(at_rest: Prediction, causes: Mapping[str, Errors], total: Errors) -> Prediction:
+    """Return a prediction whose errors are those of a simulated test. What sensors add to the motions that they report
+    is that of the storeys at rest, and no larger share."""
+    added = at_rest.total.storeys**2 - at_rest.true**2
+    share = np.minimum(at_rest.true / np.maximum(at_rest.total.storeys, np.finfo(float).tiny), 1.0)
+    true = np.sqrt(np.maximum(total.storeys**2 - added, (share * total.storeys) ** 2))
+    return replace(at_rest, causes=causes, total=total, true=true)
+
+
 def _true_error(
     setup: Setup, identified: Identification, blocks: Blocks, known: Known, prediction: Prediction
 ) -> tuple[TrueError | None, Remedy | None, Array | float]:
@@ -195,7 +204,7 @@ def _true_error(
     by_calibration = sensitivities(building, known.lines, known.sim, corners, known.model, known.measured)
     factor = 1.0 + stiffness_uncertainty(setup, identified)
     changed = changed_specimen_error(setup, identified, blocks, known, prediction, factor)
-    own = OwnError(prediction.total.storeys, changed)
+    own = OwnError(prediction.true, changed)
     since, c = np.zeros_like(calibration.covariance), len(calibration.gain)
     if identified.session is None:
         since[:c, :c] = setup.rig.uncertainty.drift**2 * np.eye(c)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from bench import DT_S, ideal_info, specimen
 from hybrid import best_like, open_limits, paper_like, storeys, true_model
-from open_loop import floors_per_table, rig_as_identified
+from open_loop import floors_per_table, rig_as_identified, true_rig
+from scipy.signal import dlsim
 from scipy.signal.windows import tukey
 
 from rths_cli.analysis.closed_loop_response import loop_response
@@ -71,8 +72,11 @@ def bench_blocks(fault: Fault, paper: bool = False) -> Blocks:
     return replace(blocks, shaping_step_v=info.converters.step_v if fault.shaped and fault.command_bits else 0.0)
 
 
-def errors_of(fault: Fault, ground: Array, seed: int = 0, paper: bool = False) -> Array:
-    """Return the signals (4, n) of a run that errors are made of, on the record's clock: storeys, tracking."""
+def errors_of(fault: Fault, ground: Array, seed: int = 0, paper: bool = False, true: bool = False) -> Array:
+    """Return the signals (4, n) of a run that errors are made of, on the record's clock: storeys, tracking.
+
+    `true`: the storeys as the logged command moves a rig without noise, instead of what the channels show.
+    """
     info = bench_info(0, fault.high_pass_hz)
     physics = VirtualPhysics(coulomb_n=fault.coulomb_n, force_limit_n=1e8, gain_m_per_v=0.0079 * fault.gain)
     sensor, command = (Converters(bits, 10.0).step_v for bits in (fault.sample_bits, fault.command_bits))
@@ -85,7 +89,12 @@ def errors_of(fault: Fault, ground: Array, seed: int = 0, paper: bool = False) -
     blocks = bench_blocks(fault, paper)
     log = play(VirtualRig(info, plant, (seed,)), info, blocks, NUMERICAL, ground[::-1].T, open_limits(info)).log
     lead = blocks.lead_samples
-    corrected, desired = log.corrected[:, lead:], log.desired[0, : SAMPLES - lead or None]
+    shown = log.corrected
+    if true:
+        rig = true_rig(info)
+        size = info.channels[0].sensitivity_v_per_unit
+        shown = dlsim((rig.A, rig.B, rig.C, rig.D, DT_S), log.command_v)[1].T / size
+    corrected, desired = shown[:, lead:], log.desired[0, : SAMPLES - lead or None]
     return np.vstack([corrected, desired[: corrected.shape[1]] - corrected[0]])
 
 
@@ -131,12 +140,13 @@ def figures(errors: Errors) -> Array:
     return np.append(errors.storeys, errors.tracking)
 
 
-def change(fault: Fault, without: Fault, ground: Array, seeds: int = 1, margin: int = 0) -> Array:
+def change(fault: Fault, without: Fault, ground: Array, seeds: int = 1, margin: int = 0, true: bool = False) -> Array:
     """Return the rms (4,) in the test band of the difference that a fault makes, over runs with several seeds.
 
-    `margin`: samples left out at both ends, where the band's filter smears what it cannot know.
+    `margin`: samples left out at both ends, where the band's filter smears what it cannot know. `true` as in
+    `errors_of`.
     """
-    pairs = [(errors_of(fault, ground, seed), errors_of(without, ground, seed)) for seed in range(seeds)]
+    pairs = [[errors_of(one, ground, seed, true=true) for one in (fault, without)] for seed in range(seeds)]
     banded = [band_of(one - other, DT_S)[:, margin : -margin or None] for one, other in pairs]
     return np.sqrt(np.mean([rms(each) ** 2 for each in banded], axis=0))
 
@@ -162,6 +172,15 @@ def test_noise(high_pass_hz: float) -> None:
     found = figures(predict(known(fault)).causes["noise"])
     still = replace(fault, noise_m_s2=0.0)
     assert found == pytest.approx(change(fault, still, 0.0 * motion(), 2, 1000), rel=0.07)
+
+
+def test_the_true_motions_hold_only_the_noise_that_the_loop_passes_on() -> None:
+    fault = Fault(noise_m_s2=NOISE_M_S2)
+    start = known(fault)
+    found = predict(replace(start, rig=bench_info(0), sim=0.0 * start.sim, ground=0.0 * start.ground))
+    made = change(fault, replace(fault, noise_m_s2=0.0), 0.0 * motion(), 2, 1000, true=True)[:3]
+    assert found.true == pytest.approx(made, rel=0.07)
+    assert np.all(found.true[1:] < 0.95 * found.total.storeys[1:])
 
 
 def test_noise_of_one_channel_counts_by_itself() -> None:

@@ -10,11 +10,11 @@ from rths_cli.analysis.quantisation import rounding_power
 DT_S, SAMPLES = 1e-3, 200_000
 
 
-def narrow_band(rms: float, seed: int = 0) -> np.ndarray:
-    """Return Gaussian noise (n,) between 2 and 3 Hz."""
+def narrow_band(rms: float, seed: int = 0, low_hz: float = 2.0, high_hz: float = 3.0) -> np.ndarray:
+    """Return Gaussian noise (n,) in a band."""
     lines = np.fft.rfft(np.random.default_rng(seed).standard_normal(SAMPLES))
     f = np.fft.rfftfreq(SAMPLES, DT_S)
-    signal = np.fft.irfft(np.where((f >= 2.0) & (f <= 3.0), lines, 0.0), SAMPLES)
+    signal = np.fft.irfft(np.where((f >= low_hz) & (f <= high_hz), lines, 0.0), SAMPLES)
     return rms * signal / signal.std()
 
 
@@ -34,6 +34,22 @@ def test_variance_at_low_frequencies(rms: float, noise: float) -> None:
     f = np.arange(0.0, 12.0, 0.05)
     found = rounding_power(f, signal, DT_S, 1.0, noise, DT_S).mean() * 12.0 / 500.0
     assert found == pytest.approx(made, rel=0.25)
+
+
+@pytest.mark.parametrize("rms", [0.1, 0.2, 0.4, 1.0])
+@pytest.mark.parametrize("band_hz", [(19.0, 21.0), (40.0, 150.0)])
+def test_a_fast_random_motion_spreads_the_power(rms: float, band_hz: tuple[float, float]) -> None:
+    """As a floor does that a noise-shaped command shakes: at its resonance, or above the lines. One below
+    a fifth of a step spreads less than is said: a sixth of the rms."""
+    signal, fast = narrow_band(3.0), narrow_band(rms, 1, *band_hz)
+    made = below(np.round(signal + fast) - signal - fast, 12.0)
+    f = np.arange(0.0, 12.0, 0.05)
+    shaken = rms, float(np.std(np.gradient(fast, DT_S)))
+    found, slow = (
+        rounding_power(f, signal, DT_S, 1.0, 0.0, DT_S, each).mean() * 12.0 / 500.0 for each in (shaken, (0.0, 0.0))
+    )
+    assert found == pytest.approx(made, rel=0.35)
+    assert rms < 0.4 or found < 0.6 * slow
 
 
 def test_a_motion_smaller_than_a_step_is_lost_and_no_more() -> None:

@@ -61,6 +61,7 @@ class Stability:
     # both loops encircle -1 equally often (Rouche), and the spectral radius of the model is valid for both.
     apart: float = 0.0
     gain: float = 1.0  # the worst gain at `at_hz`, a factor
+    gain_change: float = 0.0  # relative, within which it is the worst
     compared: ComparedBand = USUAL  # band in which the model was compared with its data
 
 
@@ -260,9 +261,8 @@ def stability(
     scatter = ratio_error(model, measured, frequency, compared)
     on_data, seen = loop.with_rig(ratio), loop.with_rig(_beyond_scatter(ratio, scatter))
     identified_hz = max(model.band_hz[1], compared.high_hz)
-    gains = np.stack(
-        [_worst_gain(each, frequency, identified_hz, SIGMA * gain_uncertainty) for each in (seen, loop.loop)]
-    )
+    change = SIGMA * gain_uncertainty
+    gains = np.stack([_worst_gain(each, frequency, identified_hz, change) for each in (seen, loop.loop)])
     errors = np.stack([_tolerated(each, gain) for each, gain in zip((seen, loop.loop), gains, strict=True)])
     tolerated, gain = errors.min(axis=0), np.where(errors[0] <= errors[1], *gains)
     measured_hz = model.band_hz[0], min(model.band_hz[1], float(measured.frequency_hz[-1]))
@@ -282,6 +282,7 @@ def stability(
         float(frequency[weakest]),
         float(apart.max()),
         float(gain[nearest]),
+        change,
         compared,
     )
 

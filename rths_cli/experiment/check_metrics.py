@@ -121,6 +121,7 @@ def _table_error(found: Preflight) -> dict[str, ArrayLike]:
         "check.tolerated_table_error": loop.tolerates,
         "check.required_table_error": loop.required,
         "check.table_error_hz": loop.at_hz,
+        "check.table_gain_change": loop.gain_change,
         "check.tolerated_table_error_in_band": loop.in_band,
         "check.table_error_in_band_hz": loop.in_band_hz,
     }

@@ -271,10 +271,11 @@ def _of_check() -> Iterator[Quantity]:
         (
             "tolerated_table_error",
             "1",
-            "error of the table's response, gain up to 3 uncertainty.table_gain off, that makes the loop unstable",
+            "error of the table's response that makes the loop unstable, together with a change of its gain",
         ),
         ("required_table_error", "1", "relative error of the table's response that the loop must stand there"),
         ("table_error_hz", "Hz", "where the two are nearest to each other"),
+        ("table_gain_change", "1", "that change, relative, up or down: three times uncertainty.table_gain of the rig"),
         ("tolerated_table_error_in_band", "1", "smallest such error up to the end of the compared band"),
         ("table_error_in_band_hz", "Hz", "where that is"),
         ("largest_scaling", "1", "scaling of the record up to which the test is safe, rounded down (0: at none)"),

@@ -189,6 +189,8 @@ def _margins(values: Values, compared_to_hz: float) -> list[str]:
     stands, must = (100.0 * _one(values, f"{name}_table_error") for name in ("tolerated", "required"))
     where = short(_one(values, "table_error_hz"))
     least, there = (_one(values, name) for name in ("tolerated_table_error_in_band", "table_error_in_band_hz"))
+    known = "check.table_gain_change" in values  # not in files of earlier versions
+    gain = f", gain up to {100.0 * _one(values, 'table_gain_change'):.3g} % off" if known else ""
     alone = [labelled("  feedback alone", _feedback(values))] if "feedback.sensitivity_peak" in values else []
     return [
         labelled("margins", "of the loop broken at the command; with the measured response, and with the model alone"),
@@ -196,7 +198,7 @@ def _margins(values: Values, compared_to_hz: float) -> list[str]:
         *alone,
         labelled(
             "  table error",
-            f"tolerated {stands:.3g} %, required {must:.3g} %: tightest at {where} Hz, gain up to 10 % off",
+            f"tolerated {stands:.3g} %, required {must:.3g} %: tightest at {where} Hz{gain}",
         ),
         labelled(
             f"    up to {short(compared_to_hz)} Hz",

@@ -125,7 +125,7 @@ def _judge_one(
     design = replace(design, blocks=design.blocks.linearised())
     building = at_rest(whole)
     rig, storeys = loop_parts(setup, identified)
-    found = loop_stability(setup, identified, design.blocks, shared)
+    found = loop_stability(setup, identified, as_designed.blocks, shared)
     matrix = closed_loop_matrix(rig, design.blocks)
     known = known_of(setup, identified, design, rig, storeys, found.radius, shared)
     counters = as_designed.blocks.friction_compensation
@@ -135,7 +135,7 @@ def _judge_one(
     rows = preflight.reach(known, prediction, setup.rig, masses)
     stable = prediction if found.radius < 1.0 else None
     ends = stated_ends(setup.case, design.blocks.counters_reaction)
-    tangents = tangent_verdicts(setup, identified, design.blocks, whole, shared, ends)
+    tangents = tangent_verdicts(setup, identified, as_designed.blocks, whole, shared, ends)
     further = (*preflight.unseen(known), *faults_at_tangents(tangents))
     simulated, replay = None, None
     if stable is not None and whole.has_laws:

@@ -114,8 +114,10 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
     if case.controller.kind != "FF+FB":
         return finished(Design(blocks, model, None, shear_now))
 
+    judged = _with_friction(blocks, setup, identified, model, lead)
+
     def faults(with_it: feedback.Feedback) -> list[Fault]:
-        return loop_faults(setup, identified, replace(blocks, feedback=with_it.block), shared)
+        return loop_faults(setup, identified, replace(judged, feedback=with_it.block), shared)
 
     designed, chosen = choose_feedback(setup, identified, model, faults, shared)
     return finished(Design(replace(blocks, feedback=designed.block), model, designed, shear_now, chosen))

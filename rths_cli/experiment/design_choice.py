@@ -88,12 +88,11 @@ def _faults_at_ends(
 ) -> list[Fault]:
     """Return why the loop is not safe at one of these ends of the specimen's stiffness, with every sample of the
     model."""
-    blocks = design.blocks.linearised()
     faults: list[Fault] = []
     for one in (identified, *identified.samples):
         told = setup.calibrated(one)
         building = with_laws(told, one, design)
-        faults += faults_at_tangents(tangent_verdicts(told, one, blocks, building, shared, ends))
+        faults += faults_at_tangents(tangent_verdicts(told, one, design.blocks, building, shared, ends))
     return faults
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.identified_rig_block import IdentifiedRig
     from rths_cli.control.designed_blocks import Blocks
     from rths_cli.experiment.setup import Setup
-    from rths_cli.identification.results import Identification
+    from rths_cli.identification.results import Identification, LevelBand
     from rths_cli.numerics.bands import ComparedBand
     from rths_cli.numerics.lti import Block
     from rths_cli.structure import Specimen
@@ -52,9 +52,11 @@ def loop_stability(
 ) -> preflight.Stability:
     """Return the stability of a case's loop with these blocks; with `shared`, equal loops are evaluated once.
 
-    `there` as in `loop_parts`.
+    `there` as in `loop_parts`. A friction compensation among the blocks adds nothing to the linear loop, but makes the
+    table differ less with the level.
     """
     rig, storeys = loop_parts(setup, identified, there, blocks.counters_reaction)
+    identified = replace(identified, levels=_levels_left(identified.levels, blocks))
     blocks, samples = blocks.linearised(), len(setup.motion.time_s)
     gain = setup.rig.uncertainty.table_gain
     data = identified.best, identified.frfs[0], identified.levels
@@ -87,6 +89,14 @@ def required_delay_s(setup: Setup, identified: Identification, blocks: Blocks) -
     bridged = setup.rig.can.bridges_lost_samples and blocks.lead_samples > 0
     error_s = identified.latency.error_s if identified.latency else None
     return preflight.required_delay_s(setup.rig.dt_s, bridged, error_s, bool(identified.levels), setup.compared)
+
+
+def _levels_left(levels: tuple[LevelBand, ...], blocks: Blocks) -> tuple[LevelBand, ...]:
+    """Return the table's response at low level over that at full level with the blocks' friction compensation, which
+    leaves the share of the difference that the low-level record has shown."""
+    counters = blocks.friction_compensation
+    left = 1.0 if counters is None else counters.left
+    return tuple(replace(band, ratio=1.0 + left * (band.ratio - 1.0)) for band in levels)
 
 
 def _stability(

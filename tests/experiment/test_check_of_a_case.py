@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -41,6 +42,23 @@ def test_the_papers_building_is_safe(controller: str, default_identification: Id
     assert found.prediction.total.storeys.shape == (3,)
     assert (found.prediction.total.storeys < 0.005).all()
     assert found.largest_scaling > 0.3
+
+
+def test_a_loop_whose_friction_is_countered_must_tolerate_less_change_with_the_level(
+    default_identification: Identification,
+) -> None:
+    """By the share of it that the low-level record showed to be left."""
+    friction = default_identification.friction
+    assert friction is not None
+    apart = tuple(replace(band, ratio=1.08 + 0j, error=0.0) for band in default_identification.levels)
+    known = replace(default_identification, friction=replace(friction, held_out=0.91), levels=apart)
+    needed = []
+    for counters in ("true", "false"):
+        setup = setup_of("el_centro_low_ff_fb", f"controller={{kind: FF, friction_compensation: {counters}}}")
+        found = preflight_of(setup, known, design_blocks(setup, known)).stability
+        assert 1.0 < found.at_hz < 5.0
+        needed.append(found.required)
+    assert needed[1] - needed[0] == pytest.approx(0.08 * (1.0 - math.sqrt(1.0 - 0.91)), rel=1e-3)
 
 
 def test_twice_the_largest_scaling_is_unsafe_and_says_which_limit(default_identification: Identification) -> None:

@@ -18,6 +18,7 @@ from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
 from rths_cli.case.load import load_cases
 from rths_cli.control.numerical_substructure import all_storeys
+from rths_cli.errors import InputError
 from rths_cli.experiment.check import as_identified, judge, known_of, preflight_of
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
@@ -25,6 +26,7 @@ from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.results import Identification, NonlinearSpecimen
 from rths_cli.rigs.from_case import true_building
 from rths_cli.structure import storey_values
+from rths_cli.structure.storey_laws import stacked
 
 
 def setup_of(case: str, *settings: str) -> Setup:
@@ -118,6 +120,22 @@ def test_the_expected_error_is_that_of_the_specimen_as_it_is_at_the_level_of_the
     other = rms(in_test_band(shaken[0] - shaken[1], dt))
     assert (other > 3.0 * found.preflight.prediction.total.storeys).all()
     assert found.expected_m_s2 == pytest.approx(np.hypot(other, found.preflight.prediction.total.storeys), rel=0.02)
+
+
+def test_a_specimen_whose_laws_sim_cannot_follow_is_expected_as_its_linear_equivalent(
+    default_setup: Setup, default_identification: Identification
+) -> None:
+    nothing, stiffness = np.zeros((2, 0)), storey_values(default_setup.building.specimen.K)
+    stuck = NonlinearSpecimen(stiffness, np.diag([1.0, 1.0]), np.ones((2, 1)), np.full((2, 1), 1e-15), nothing, nothing)
+    bent = replace(default_identification, nonlinear=stuck)
+    blocks = design_blocks(default_setup, default_identification)
+    with pytest.raises(InputError, match="SIM: "):
+        building = as_identified(default_setup, stuck.specimen(default_setup.building.specimen.masses_kg))
+        building = replace(building, laws=stacked(building.laws, stuck.laws, 1))
+        reference_of(building).sim(building, default_setup.rig.dt_s, default_setup.motion.accel_m_s2)
+    found, linear = (judge(default_setup, each, blocks) for each in (bent, replace(bent, nonlinear=None)))
+    assert found.expected_m_s2 is not None
+    assert found.expected_m_s2.tolist() == linear.expected_m_s2.tolist()
 
 
 def of_the_default(setup: Setup, identified: Identification) -> Known:

@@ -16,9 +16,9 @@ from rths_cli.control.interface import Interface
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.loop.modal_substructure import modal_arrays
 from rths_cli.loop.parts import Room
-from rths_cli.loop.power_curves import TERMS, on_curve, power_curve
 from rths_cli.numerics.compiled import part, part_class
 from rths_cli.numerics.lti import Array, Integers
+from rths_cli.numerics.power_curves import TERMS, on_curve, power_curve
 from rths_cli.numerics.tiled_products import product, tiled
 from rths_cli.numerics.user_functions import call_force
 from rths_cli.structure.storey_laws import (

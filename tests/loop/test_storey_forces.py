@@ -14,10 +14,10 @@ from rths_cli.control.interface import Interface, InterfaceForce
 from rths_cli.control.storeys_with_laws import StoreysWithLaws, computed_storeys
 from rths_cli.errors import InputError
 from rths_cli.loop.parts import Room
-from rths_cli.loop.power_curves import on_curve, power_curve
 from rths_cli.loop.storey_forces import REMEMBERED, StoreysAndForces, hysteresis, of_the_step, storeys_and_forces
 from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
+from rths_cli.numerics.power_curves import on_curve, power_curve
 from rths_cli.structure import Building, Numerical, Specimen, assemble, storey_matrix
 from rths_cli.structure.storey_laws import (
     Bilinear,

@@ -14,9 +14,10 @@ from rths_cli.control.interface import Interface, InterfaceForce
 from rths_cli.control.storeys_with_laws import StoreysWithLaws, computed_storeys
 from rths_cli.errors import InputError
 from rths_cli.loop.parts import Room
-from rths_cli.loop.storey_forces import StoreysAndForces, damper, storeys_and_forces
+from rths_cli.loop.storey_forces import REMEMBERED, StoreysAndForces, hysteresis, of_the_step, storeys_and_forces
 from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
+from rths_cli.numerics.power_curves import on_curve, power_curve
 from rths_cli.structure import Building, Numerical, Specimen, assemble, storey_matrix
 from rths_cli.structure.storey_laws import (
     Bilinear,
@@ -111,8 +112,7 @@ def test_a_law_of_the_user_s_own_steps_as_the_built_in_one_that_it_repeats(name:
     accel, shear = ground(1e-3), 10.0 * np.sin(np.arange(4000) * 0.02)
     pair = [building((law,)) for law in (make(), built_in)]
     ours, theirs = (run(StoreysWithLaws(one.numerical, one.laws, 1e-3), accel, shear) for one in pair)
-    within = 1e-7 if name == "viscous_power" else 1e-12  # a built-in damper goes by series, see loop/storey_forces.py
-    assert np.abs(ours - theirs).max() < within * np.abs(theirs).max()
+    assert np.abs(ours - theirs).max() < 1e-12 * np.abs(theirs).max()
 
 
 def test_laws_that_are_linear_leave_the_linear_block() -> None:
@@ -164,17 +164,17 @@ def test_laws_go_with_the_exact_scheme_only() -> None:
 
 
 @entry
-def damped(numbers: Array, memory: Array, rates: Array, gives: float, forces: Array) -> None:
-    """Write the forces (n,) of a damper at one rate (n,) after the other."""
-    numbers, memory, rates, forces = borrowed((numbers, memory, rates, forces))
+def read_off(curve: Array, rates: Array, forces: Array) -> None:
+    """Write the forces (n,) of a damper at rates (n,)."""
+    curve, rates, forces = borrowed((curve, rates, forces))
     for k in range(rates.size):
-        forces[k] = damper(numbers, memory, rates[k], gives)
+        forces[k] = on_curve(curve, rates[k])
 
 
 def damper_forces(power: float, c: float, knee: float, rates: Array, gives: float) -> Array:
-    """Return the forces (n,) of a damper at the rates (n,), from rest on."""
+    """Return the forces (n,) of a damper at the rates (n,)."""
     forces = np.zeros(len(rates))
-    damped(np.array([c, power, knee, c * knee ** (power - 1.0)]), np.zeros(2), rates, gives, forces)
+    read_off(power_curve(c, power, knee, gives), rates, forces)
     return forces
 
 
@@ -199,21 +199,72 @@ def test_a_damper_solves_its_own_equation(power: float, c: float, gives: float, 
 
 
 @pytest.mark.parametrize("gives", [0.0, 1e-3, 0.05, 1.0])
-@pytest.mark.parametrize("power", [0.1, 0.3, 0.7, 0.9, 1.5, 2.5, 3.0])
-def test_a_damper_goes_from_sample_to_sample(power: float, gives: float) -> None:
-    """From each rate to the next one, smooth or jumping, back and forth through the straight line near rest.
-
-    Series err most where the damper takes far more of the rate than it leaves (`gives` 1).
-    """
+@pytest.mark.parametrize("power", [0.01, 0.1, 0.3, 0.7, 0.9, 1.5, 2.5, 3.0])
+def test_a_damper_has_its_force_at_every_rate(power: float, gives: float) -> None:
+    """From the straight line near rest to far beyond what storeys do, to both sides, by bisection."""
     c, knee = 9.0, 1e-3
-    smooth = 0.4 * np.sin(np.arange(300) * 0.03) * np.linspace(0.0, 1.0, 300)
-    ratios = np.array([0.9, 0.91, 1.0, 1.09, 1.1, 1.101, 3.0, 0.2, -1.0, -1.05])
 
     def law(v: float) -> float:
         return c * (v**power if v > knee else v * knee ** (power - 1.0))
 
-    rates = np.append(smooth, 0.05 * np.cumprod(ratios))
+    bend = knee + gives * law(knee)
+    rates = np.concatenate([np.geomspace(1e-6, 900.0, 400), bend * np.array([0.999, 1.0, 1.001])])
+    rates = np.concatenate([rates, -rates, [0.0]])
     for rate, found in zip(rates, damper_forces(power, c, knee, rates, gives), strict=True):
         size = abs(rate)
-        v = brentq(lambda v, size=size: v + gives * law(v) - size, 0.0, size + knee, xtol=1e-18, rtol=1e-15)
-        assert found == pytest.approx(np.sign(rate) * law(v), rel=3e-6 if gives == 1.0 else 1e-7, abs=1e-14)
+        v = brentq(lambda v, size=size: v + gives * law(v) - size, 0.0, size, xtol=1e-18, rtol=1e-15)
+        within = 1e-12 if power >= 0.3 else 1e-9  # dry friction, nearly: curves have corners
+        assert found == pytest.approx(np.sign(rate) * law(v), rel=within, abs=1e-300)
+
+
+def test_a_damper_goes_straight_on_beyond_its_curve_and_passes_on_what_is_no_number() -> None:
+    rates = np.array([1e3, 1.02e3, 1.04e3, 2e3, 3e3, 4e3, np.inf, -np.inf, np.nan])
+    forces = damper_forces(0.5, 4.0, 1e-5, rates, 1e-4)
+    assert forces[:3] == pytest.approx(4.0 * np.sqrt(rates[:3]), rel=1e-3)
+    assert forces[5] - forces[4] == pytest.approx(forces[4] - forces[3], rel=1e-12)
+    assert forces[6] == np.inf and forces[7] == -np.inf and np.isnan(forces[8])
+
+
+@entry
+def followed(numbers: Array, curve: Array, memory: Array, drifts: Array, forces: Array) -> None:
+    """Write the forces (n,) of Bouc and Wen's law at one drift (n,) after the other."""
+    numbers, curve, memory, drifts, forces = borrowed((numbers, curve, memory, drifts, forces))
+    for k in range(drifts.size):
+        forces[k] = hysteresis(numbers, curve, memory, drifts[k])
+
+
+@pytest.mark.parametrize(
+    ("n", "beta", "gamma", "within"),
+    [
+        (1.0, 0.5, 0.5, 2e-5),
+        (1.0, 0.9, -0.3, 2e-5),
+        (1.1, 0.5, 0.5, 2e-5),
+        (1.5, 0.3, 0.7, 5e-6),
+        (2.0, 0.5, 0.5, 2e-7),
+        (2.0, 0.8, -0.5, 2e-7),
+        (3.0, 0.5, 0.5, 2e-7),
+        (5.0, 0.6, 0.4, 5e-7),
+        (20.0, 0.5, 0.5, 5e-6),
+    ],
+)
+def test_bouc_and_wen_s_variable_follows_its_equation(n: float, beta: float, gamma: float, within: float) -> None:
+    """Cycles to four yield drifts, at most 0.03 of one per sample, against a solver with small steps of its own; the
+    error is largest where the slope has a kink, at zero force, and least where n = 2 or 3 has none or a small one."""
+    limit = 1e-3
+    time_s = np.linspace(0.0, 1.0, 4001)[1:]
+    drifts = limit * (3.0 * np.sin(18.8 * time_s) + 1.5 * np.sin(45.9 * time_s))
+    laws = arranged(((BoucWen(1.0, limit, 0.0, n, beta, gamma),),))
+    numbers, curves = of_the_step(laws, np.zeros(1), 1e-3)
+    forces = np.zeros(len(drifts))
+    followed(numbers[0], curves[0], np.zeros(REMEMBERED), drifts, forces)
+    wanted, y, parts = np.zeros(len(drifts)), 0.0, 32
+    for k, way in enumerate(np.diff(drifts, prepend=0.0) / limit):
+        h = way / parts
+        for _ in range(parts):
+            slopes = [0.0]
+            for share in (0.0, 0.5, 0.5, 1.0):
+                z = y + share * h * slopes[-1]
+                slopes.append(1.0 - abs(z) ** n * (gamma + beta * np.sign(z * way)))
+            y += h * (slopes[1] + 2.0 * slopes[2] + 2.0 * slopes[3] + slopes[4]) / 6.0
+        wanted[k] = y
+    assert np.abs(forces / limit + drifts / limit - wanted).max() < within

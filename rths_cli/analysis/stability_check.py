@@ -266,7 +266,9 @@ def stability(
     errors = np.stack([_tolerated(each, gain) for each, gain in zip((seen, loop.loop), gains, strict=True)])
     tolerated, gain = errors.min(axis=0), np.where(errors[0] <= errors[1], *gains)
     measured_hz = model.band_hz[0], min(model.band_hz[1], float(measured.frequency_hz[-1]))
-    wanted = required(frequency, measured_hz, scatter, levels, unpaired_zeros(model, compared), compared)
+    unchecked = min(max(2.0 * gain_uncertainty, UNSEEN_CHANGE), UNCOMPARED_CHANGE)
+    zeros = unpaired_zeros(model, compared)
+    wanted = required(frequency, measured_hz, scatter, levels, zeros, compared, unchecked)
     nearest = int(np.argmin(tolerated / wanted))
     weakest = int(np.argmin(np.where(frequency <= compared.high_hz, tolerated, math.inf)))
     apart = np.abs((1.0 + seen) / (1.0 + loop.loop) - 1.0)
@@ -310,7 +312,7 @@ def _tolerated(loop: ComplexArray, gain: Array) -> Array:
 
 def required(
     frequency_hz: Array, band_hz: tuple[float, float], scatter: Array, levels: Sequence[LevelBand],
-    zeros: ComplexArray = NO_ZEROS, compared: ComparedBand = USUAL,
+    zeros: ComplexArray = NO_ZEROS, compared: ComparedBand = USUAL, unchecked: float = UNCOMPARED_CHANGE,
 ) -> Array:  # fmt: skip
     """Return the error (n,) of the table's response that a loop must tolerate in addition to a change of its gain.
 
@@ -318,13 +320,14 @@ def required(
     accepts, SIGMA times the uncertainty `scatter` (n,) of the measured response, the change with the level and with
     friction, and unknown modes beyond the measured band `band_hz`. A mode at f_0, twice the end of the band, adds
     (f / f_0)^2 below it; up to the end of the band the measured response contains that. Below the band, and above the
-    `compared` one, the verification is coarse, and its term is that
-    of a table without a record at low level. The sum is at most 1, but beyond the band at least the motion of an
-    oscillator at each of the `zeros` (z,) in rad/s, those of the model whose pole was not measured (`unpaired_zeros`).
+    `compared` one, the verification is coarse, and its term is `unchecked`, how much the response may have changed
+    there; without a record at low level it is UNCOMPARED_CHANGE everywhere. The sum is at most 1, but beyond the band
+    at least the motion of an oscillator at each of the `zeros` (z,) in rad/s, those of the model whose pole was not
+    measured (`unpaired_zeros`).
     """
     end_hz = max(band_hz[1], compared.high_hz)
-    verified = (frequency_hz >= band_hz[0]) & (frequency_hz <= compared.high_hz) & bool(levels)
-    unseen = np.where(verified, UNSEEN_CHANGE, UNCOMPARED_CHANGE)
+    verified = (frequency_hz >= band_hz[0]) & (frequency_hz <= compared.high_hz)
+    unseen = np.where(verified, UNSEEN_CHANGE, unchecked) if levels else UNCOMPARED_CHANGE
     beyond = np.where(frequency_hz > band_hz[1], (frequency_hz / (2.0 * end_hz)) ** 2, 0.0)
     total = np.minimum(unseen + SIGMA * scatter + _by_level(frequency_hz, levels) + beyond, 1.0)
     return np.maximum(total, _beside(frequency_hz, end_hz, zeros))

@@ -32,6 +32,7 @@ from rths_cli.identification.specimen_fit import (
     Lines,
     Motion,
     Start,
+    by_lines,
     evaluated,
     least_samples,
     modal,
@@ -51,6 +52,7 @@ TOLERANCE = 1e-8
 SHOWN = 10.0  # information of a stretch, in units of the prior's, from which it shows a parameter better
 # standard uncertainties of damping and stiffness that couple two modes of the chain, over the root of their own
 COUPLED_DAMPING, COUPLED_STIFFNESS = 0.3, 0.01
+AT_ONCE = 16  # slopes that are projected together
 LEAST_SIZE = 1e-9  # of a residual, relative to the floors' motion
 
 
@@ -121,7 +123,7 @@ def calibrate(
     """
     highest = ABOVE_HIGHEST * float(modal(masses_kg, start.stiffness_n_per_m)[0][-1]) / (2.0 * np.pi)
     corners = 2.0 * np.pi * np.array([channel.high_pass_hz for channel in channels])
-    problem = _Problem(
+    problem = Problem(
         tuple(transform(motion, dt_s, (low_hz, highest)) for motion in motions), np.asarray(masses_kg, dtype=float),
         corners, priors,
     )  # fmt: skip
@@ -161,7 +163,7 @@ def calibrated(channels: Sequence[Channel], found: Calibration) -> tuple[Channel
 
 
 @dataclass(frozen=True)
-class _Problem:
+class Problem:
     """The fit of a chain with free sensors and masses.
 
     Parameters: logarithms of stiffnesses and damping ratios (2 n,), then what is free of gains (c,), corners (c,), lags
@@ -246,15 +248,66 @@ class _Problem:
         """Return residuals in their unit and deviations from the priors, with their slopes."""
         n, free = 2 * len(self.masses_kg), self.free.size
         left, slopes = self.evaluated(at)
-        moved = []
-        for place in range(n, n + free):
+        rows = np.empty((n + free, left.size))
+        rows[:n] = slopes
+        first, last = 3 * len(self.corners), 3 * len(self.corners) + len(self.masses_kg)
+        of_masses = (self.free >= first) & (self.free < last)
+        for place in n + np.flatnonzero(of_masses):
             step = np.zeros(n + free)
             step[place] = STEP
-            moved.append((self.residual(at + step) - self.residual(at - step)) / (2.0 * STEP))
+            rows[place] = (self.residual(at + step) - self.residual(at - step)) / (2.0 * STEP)
+        self._by_sensors(at, self.free[~of_masses], n + np.flatnonzero(~of_masses), rows)
         of_priors = np.hstack([np.zeros((free, n)), np.eye(free)]).T
-        rows = np.vstack([slopes, np.array(moved).reshape(free, -1)]) / self.unit
+        rows /= self.unit
         taken, by_taken = self.taken(at)
         return np.concatenate([left / self.unit, at[n:], [taken]]), np.hstack([rows, of_priors, by_taken[:, None]])
+
+    def _by_sensors(self, at: Array, parameters: Integers, places: Integers, rows: Array) -> None:
+        """Write the residual's slopes (k, m) by parameters (k,) other than chain and masses to places of `rows`.
+
+        The residual is linear in the lines, so that it changes as theirs do by what the sensors change in them.
+        """
+        masses_kg, theta, n, start = self._masses_kg(at), at[: 2 * len(self.masses_kg)], len(self.masses_kg), 0
+        for part, (moved, floors) in zip(self.lines, self._without_sensors(at), strict=True):
+            end = start + 2 * n * len(part.s)
+            left = residual_of(moved, masses_kg, theta).view(complex).reshape(n, -1)
+            for some in np.array_split(np.arange(len(parameters)), max(-(-len(parameters) // AT_ONCE), 1)):
+                changes = [self._change(at, part, moved, int(parameter)) for parameter in parameters[some]]
+                tables, added, logs = (np.array(each) for each in zip(*changes, strict=True))
+                found = by_lines(moved, masses_kg, theta, tables, added - logs * (part.floors / floors))
+                found = (found.view(complex).reshape(len(some), n, -1) + left * logs) * floors
+                rows[places[some], start:end] = found.reshape(len(some), -1).view(float)
+            start = end
+
+    def _change(
+        self, at: Array, part: Lines, moved: Lines, parameter: int
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Return the slopes by a parameter, which counts as the priors, of the table's lines (m,), of what couplings of
+        modes take off the floors' (n, m), and of the logarithms of the floors' sensors (n, m)."""
+        masses_kg, theta, size = self._masses_kg(at), at[: 2 * len(self.masses_kg)], self.priors.sizes[parameter]
+        gain, coupling, _late_s, _, _ripple, coupled = self.values(at)
+        c, n, s = len(self.corners), len(self.masses_kg), part.s
+        table, taken, logs = (np.zeros(shape, dtype=complex) for shape in (len(s), (n, len(s)), (n, len(s))))
+        kind, channel = divmod(parameter, c)
+        if parameter < 3 * c:
+            w = self.corners[channel] * np.exp(coupling[channel])
+            slope = size * (np.ones_like(s), -w / (s + w), -s)[kind]
+            if channel > 0:
+                logs[channel - 1] = slope
+            elif kind == 2:
+                logs -= slope  # lags of floors are those after the table's
+            else:
+                table = -slope * moved.table
+        elif parameter == 3 * c + n and part.staircase is not None:
+            sensor = _responses(s, self.corners[:1], gain[:1], coupling[:1], np.zeros(1))[0]
+            table = -size * part.staircase / sensor
+        elif parameter > 3 * c + n:
+            one = np.zeros(len(coupled))
+            one[parameter - 3 * c - n - 1] = size
+            taken = -_by_coupled_modes(moved, masses_kg, theta, one)
+        if coupled.any() and table.any():
+            taken = -_by_coupled_modes(replace(moved, table=table), masses_kg, theta, coupled)
+        return table, taken, logs
 
     def taken(self, at: Array) -> tuple[float, Array]:
         """Return the change of the ripple beyond what the table's corner explains, in its uncertainty, and its slopes
@@ -299,7 +352,7 @@ def _responses(s: ComplexArray, corners: Array, gain: Array, coupling: Array, la
 
 
 def _scatter(
-    problem: _Problem, motions: Sequence[Motion], dt_s: float, band_hz: tuple[float, float], at: Array
+    problem: Problem, motions: Sequence[Motion], dt_s: float, band_hz: tuple[float, float], at: Array
 ) -> float:
     """Return by what factor stretches scatter about the common solution more than their own errors predict, at least 1.
 
@@ -324,7 +377,7 @@ def _scatter(
     return float(np.sqrt(max(total / max(count * (1.0 - 1.0 / len(pieces)), 1.0), 1.0)))
 
 
-def _described(problem: _Problem, at: Array, spread: Array) -> Calibration:
+def _described(problem: Problem, at: Array, spread: Array) -> Calibration:
     """Return gains, corners, lags and masses with their covariance, also of those that are as declared."""
     n, priors = 2 * len(problem.masses_kg), problem.priors.sizes
     total = priors.size

@@ -78,6 +78,14 @@ def residual_of(lines: Lines, masses_kg: Array, theta: Array) -> Array:
     return _Response(lines, masses_kg, theta).residual
 
 
+def by_lines(lines: Lines, masses_kg: Array, theta: Array, tables: ComplexArray, floors: ComplexArray) -> Array:
+    """Return the changes (k, 2 n m) of `residual_of`, which is linear in the lines, by those of the table's lines
+    (k, m) and of the floors' (k, n, m)."""
+    at = _Response(lines, masses_kg, theta)
+    left = floors - at.shapes @ (at.participation * at.through * tables[:, None])
+    return _without(parts(left).reshape(len(floors), -1), at.columns)[0]
+
+
 def _evaluated(lines: Lines, masses_kg: Array, theta: Array) -> tuple[Array, Array]:
     """Return the residual (2 n m,) of one set of lines and its slopes (2 n + 1, 2 n m)."""
     at = _Response(lines, masses_kg, theta)
@@ -103,7 +111,8 @@ class _Response:
         self.participation = (masses_kg @ self.shapes)[:, None]
         given = (2.0 * self.ratios * omega)[:, None] * s + (omega**2)[:, None]
         self.under = 1.0 / (s**2 + given)
-        self.carried = given * self.under * lines.table
+        self.through = given * self.under
+        self.carried = self.through * lines.table
         self.state = np.stack([(omega**2)[:, None] * self.under, omega[:, None] * s * self.under])
         left = lines.floors - self.shapes @ (self.participation * self.carried)
         self.columns, self.size = _linear_terms(self.state, self.shapes, omega[0] / s)

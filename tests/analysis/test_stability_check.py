@@ -140,6 +140,9 @@ def test_the_required_tolerance_is_what_identification_and_verification_leave_op
     unseen = np.array([0.06, 0.01, 0.06, 0.06, 0.06, 0.06])  # compared finely from the band's start to 11 Hz
     assert required(f, band, exact, calm) == pytest.approx(np.minimum(unseen + beyond, 1.0))
     assert required(f, band, exact, ()) == pytest.approx(np.minimum(0.06 + beyond, 1.0))
+    held = np.where(unseen > 0.01, 0.02, 0.01)
+    assert required(f, band, exact, calm, unchecked=0.02) == pytest.approx(np.minimum(held + beyond, 1.0))
+    assert required(f, band, exact, (), unchecked=0.02) == pytest.approx(np.minimum(0.06 + beyond, 1.0))
     assert required(f, band, exact + 0.02, calm) == pytest.approx(np.minimum(unseen + 0.06 + beyond, 1.0))
     assert required(f, (0.7, 5.0), exact, calm)[1] == pytest.approx(0.26)  # never below the band compared
 
@@ -271,7 +274,9 @@ def test_the_grid_finds_the_peak_that_a_fine_one_finds(make: Callable[[RigInfo],
     gains = np.where(f <= 60.0, np.linspace(1.0 - 3.0 * gain, 1.0 + 3.0 * gain, 201)[:, None], 1.0)
     scatter = np.where(f < 60.0, 1e-3 / math.sqrt(5.0), 0.0)  # the mean of 5 lines of one part in a thousand
     errors = np.abs(1.0 + gains * loop) / np.abs(gains * loop)
-    tolerated = errors.min(axis=0) / required(f, rig_as_identified(ideal_info())[1].band_hz, scatter, LEVELS)
+    unchecked = max(2.0 * gain, 0.01)
+    band_hz = rig_as_identified(ideal_info())[1].band_hz
+    tolerated = errors.min(axis=0) / required(f, band_hz, scatter, LEVELS, unchecked=min(unchecked, 0.06))
     assert found.tolerates / found.required == pytest.approx(tolerated.min(), rel=1e-2)
     assert found.at_hz == pytest.approx(f[tolerated.argmin()], rel=1e-2)
 

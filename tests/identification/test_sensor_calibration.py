@@ -7,8 +7,8 @@ import pytest
 from bench import rig_info
 
 from rths_cli.control.sensor_correction import correction, recorrected
-from rths_cli.identification.sensor_calibration import calibrate, calibrated, priors_of
-from rths_cli.identification.specimen_fit import Motion, Start
+from rths_cli.identification.sensor_calibration import Problem, calibrate, calibrated, priors_of
+from rths_cli.identification.specimen_fit import Motion, Start, transform
 from rths_cli.numerics.lti import Model
 from rths_cli.rigs.description import Channel, Uncertainty
 
@@ -78,6 +78,19 @@ def motion(gain, coupling, late_s, mass, seconds=120.0, dt_s=0.01, noise=1e-3, s
 def pairs(values):
     """Return the differences of what belongs to floors from what belongs to the table."""
     return values[1:] - values[0]
+
+
+def test_slopes_are_the_differences_of_residuals():
+    seen, dt_s = motion([1.01, 0.99, 1.0], np.ones(3), np.zeros(3), np.ones(2), seconds=40.0, ripple=0.02)
+    corners = np.full(3, 2.0 * np.pi * CORNER_HZ)
+    problem = Problem((transform(seen, dt_s, (0.5, 14.0)),), MASSES, corners, priors())
+    chain = np.log(np.concatenate([START.stiffness_n_per_m, START.damping_ratio]))
+    at = np.concatenate([chain, 0.5 * np.random.default_rng(3).standard_normal(problem.free.size)])
+    slopes, step = problem.posterior(at)[1], 1e-3 * np.eye(len(at))
+    data = len(problem.residual(at))
+    for place in range(len(chain), len(at)):
+        wanted = (problem.residual(at + step[place]) - problem.residual(at - step[place])) / 2e-3
+        assert slopes[place, :data] == pytest.approx(wanted, rel=1e-6, abs=1e-6 * float(np.abs(wanted).max()))
 
 
 @pytest.mark.parametrize("seed", range(3))

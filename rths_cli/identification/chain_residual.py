@@ -51,7 +51,9 @@ class Grouped:
     accel: ComplexArray  # (c, g)
     velocity: ComplexArray  # (c, g)
     displacement: ComplexArray  # (c, g)
-    further: ComplexArray  # (p, g) terms of the records' ends, and of the staircase's alias in the table's acceleration
+    # (p, g) terms of the records' ends, and of the staircase's alias in the table's acceleration: of the command's last
+    # change and, which matters where an actuator is fast within a sample, of the one before
+    further: ComplexArray
     noise: Array  # (c, g) variance of the channels' noise
     masses_kg: Array  # (c - 1,) floors
     joints: ComplexArray  # (c - 1, k, g) forces of joints in each storey that stick and slide at 1 N; k may be 0
@@ -124,7 +126,8 @@ def _of_record(
     given = np.fft.rfft(np.hanning(n) * bent)[inside]
     accel = record.accel_m_s2[:, noise]
     lines = np.fft.rfft(accel - accel.mean(axis=1, keepdims=True))[:, inside]
-    alias = np.fft.rfft(_staircase(record.command_v, info)[noise])[inside]
+    changes = _staircase(record.command_v, info)
+    alias = np.fft.rfft(np.array([changes, np.diff(changes, prepend=0.0)])[:, noise])[:, inside]
     starts = list(range(len(s))) if raw else _group_starts(frequency[inside])
     power = _summed(np.abs(given) ** 2, starts)
     counts = np.diff(np.append(starts, len(s)))
@@ -143,7 +146,7 @@ def _of_record(
         together,
         added(lines / s),
         added(lines / s**2),
-        added(np.array([*(s**-power for power in range(ENDS)), alias / s, alias / s**2])),
+        added(np.array([*(s**-power for power in range(ENDS)), *(alias / s), *(alias / s**2)])),
         n * channel_noise(record, info)[:, None] ** 2 + (UNLINEARITY * np.abs(together)) ** 2,
         masses_kg,
         np.array([added(forces) for forces in rubbed]),

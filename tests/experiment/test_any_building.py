@@ -78,7 +78,7 @@ def test_a_fast_actuator_at_a_low_rate_is_no_wrong_sensor(tmp_path: Path) -> Non
     ended = run(
         tmp_path,
         structure={"numerical": {"masses_kg": [80.0], "stiffness_n_per_m": [9e5]}, "experimental": floor},
-        damping={"first_mode_ratio": 0.06},
+        damping={"first_mode_ratio": 0.158},
         controller="FF",
         sample_rate_hz=500.0,
         scaling=0.1,

@@ -84,7 +84,13 @@ def test_a_fast_actuator_at_a_low_rate_is_no_wrong_sensor(tmp_path: Path) -> Non
         scaling=0.1,
         table={
             "extends": "aps400_virtual",
-            "physics": {"actuator_time_constant_s": 0.0007, "moving_mass_kg": 11.6, "loop_frequency_hz": 15.6},
+            "physics": {
+                "actuator_time_constant_s": 0.0004,
+                "moving_mass_kg": 11.6,
+                "loop_frequency_hz": 15.6,
+                "loop_damping_ratio": 0.68,
+                "loop_specimen_mass_kg": 42.3,
+            },
             "converters": {"bits": 18, "latency_samples": 2},
             "sensors": {"low_pass_hz": 0.0},
             "nominal": {"moving_mass_kg": 11.6, "payload_kg": 44.0},

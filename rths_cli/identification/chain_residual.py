@@ -35,6 +35,10 @@ from rths_cli.rigs.description import RigInfo
 GROUP_SHARE, LEAST_LINES = 0.01, 6  # width of a group over its frequency; least number of lines in it
 LEAST_POWER = 1e-4  # a group with less of the command's median power (second derivative) is not excited
 UNLINEARITY = 0.003  # tolerated nonlinearity, as a fraction of a channel's motion
+# Of the table's largest response: the alias, per V, of the command's change before the last one, which an actuator that
+# is fast within a sample leaves. A response that is constant from there on has images that add up to a twelfth of it.
+EARLIER = 1.0 / 12.0
+LEAST_LINE = 1e-300  # of a command, which is none
 ENDS = 4  # number of powers of 1 / s that represent the ends of a stretch
 ROUNDS = 5  # iterations of the weights, each with the stiffness found before
 BELOW, BEYOND = 0.1, 3.0  # assumed frequency of a storey too soft or too stiff to be seen, over the band's ends
@@ -51,9 +55,7 @@ class Grouped:
     accel: ComplexArray  # (c, g)
     velocity: ComplexArray  # (c, g)
     displacement: ComplexArray  # (c, g)
-    # (p, g) terms of the records' ends, and of the staircase's alias in the table's acceleration: of the command's last
-    # change and, which matters where an actuator is fast within a sample, of the one before
-    further: ComplexArray
+    further: ComplexArray  # (p, g) terms of the records' ends, and of the staircase's alias in the table's acceleration
     noise: Array  # (c, g) variance of the channels' noise
     masses_kg: Array  # (c - 1,) floors
     joints: ComplexArray  # (c - 1, k, g) forces of joints in each storey that stick and slide at 1 N; k may be 0
@@ -127,7 +129,9 @@ def _of_record(
     accel = record.accel_m_s2[:, noise]
     lines = np.fft.rfft(accel - accel.mean(axis=1, keepdims=True))[:, inside]
     changes = _staircase(record.command_v, info)
-    alias = np.fft.rfft(np.array([changes, np.diff(changes, prepend=0.0)])[:, noise])[:, inside]
+    alias, before, command = (
+        np.fft.rfft(each[noise])[inside] for each in (changes, np.diff(changes, prepend=0.0), record.command_v)
+    )
     starts = list(range(len(s))) if raw else _group_starts(frequency[inside])
     power = _summed(np.abs(given) ** 2, starts)
     counts = np.diff(np.append(starts, len(s)))
@@ -139,15 +143,17 @@ def _of_record(
             return rows[:, excited]
         return np.asarray(_summed(np.conj(given) * rows, starts)[:, excited] / size)
 
-    together = added(lines)
+    together, (sent, earlier) = added(lines), np.abs(added(np.array([command, before])))
+    of_table = np.zeros(together.shape)
+    of_table[0] = (EARLIER * earlier * np.max(np.abs(together[0]) / np.maximum(sent, LEAST_LINE))) ** 2
     rubbed = _joints(lines / s**2, inside, n) if joints else np.zeros((len(lines) - 1, 0, len(s)), dtype=complex)
     return Grouped(
         np.sqrt(_summed(np.abs(s) ** 2, starts) / counts)[excited],
         together,
         added(lines / s),
         added(lines / s**2),
-        added(np.array([*(s**-power for power in range(ENDS)), *(alias / s), *(alias / s**2)])),
-        n * channel_noise(record, info)[:, None] ** 2 + (UNLINEARITY * np.abs(together)) ** 2,
+        added(np.array([*(s**-power for power in range(ENDS)), alias / s, alias / s**2])),
+        n * channel_noise(record, info)[:, None] ** 2 + (UNLINEARITY * np.abs(together)) ** 2 + of_table,
         masses_kg,
         np.array([added(forces) for forces in rubbed]),
     )

@@ -85,11 +85,13 @@ def test_a_fast_actuator_at_a_low_rate_is_no_wrong_sensor(tmp_path: Path) -> Non
         table={
             "extends": "aps400_virtual",
             "physics": {
-                "actuator_time_constant_s": 0.0004,
+                "actuator_time_constant_s": 0.0007,
                 "moving_mass_kg": 11.6,
+                "viscous_n_s_per_m": 29.4,
                 "loop_frequency_hz": 15.6,
                 "loop_damping_ratio": 0.68,
                 "loop_specimen_mass_kg": 42.3,
+                "coulomb_n": 0.87,
             },
             "converters": {"bits": 18, "latency_samples": 2},
             "sensors": {"low_pass_hz": 0.0},

@@ -35,10 +35,6 @@ from rths_cli.rigs.description import RigInfo
 GROUP_SHARE, LEAST_LINES = 0.01, 6  # width of a group over its frequency; least number of lines in it
 LEAST_POWER = 1e-4  # a group with less of the command's median power (second derivative) is not excited
 UNLINEARITY = 0.003  # tolerated nonlinearity, as a fraction of a channel's motion
-# Of the table's largest response: the alias, per V, of the command's change before the last one, which an actuator that
-# is fast within a sample leaves. A response that is constant from there on has images that add up to a twelfth of it.
-EARLIER = 1.0 / 12.0
-LEAST_LINE = 1e-300  # of a command, which is none
 ENDS = 4  # number of powers of 1 / s that represent the ends of a stretch
 ROUNDS = 5  # iterations of the weights, each with the stiffness found before
 BELOW, BEYOND = 0.1, 3.0  # assumed frequency of a storey too soft or too stiff to be seen, over the band's ends
@@ -128,10 +124,7 @@ def _of_record(
     given = np.fft.rfft(np.hanning(n) * bent)[inside]
     accel = record.accel_m_s2[:, noise]
     lines = np.fft.rfft(accel - accel.mean(axis=1, keepdims=True))[:, inside]
-    changes = _staircase(record.command_v, info)
-    alias, before, command = (
-        np.fft.rfft(each[noise])[inside] for each in (changes, np.diff(changes, prepend=0.0), record.command_v)
-    )
+    alias = np.fft.rfft(_staircase(record.command_v, info)[noise])[inside]
     starts = list(range(len(s))) if raw else _group_starts(frequency[inside])
     power = _summed(np.abs(given) ** 2, starts)
     counts = np.diff(np.append(starts, len(s)))
@@ -143,9 +136,7 @@ def _of_record(
             return rows[:, excited]
         return np.asarray(_summed(np.conj(given) * rows, starts)[:, excited] / size)
 
-    together, (sent, earlier) = added(lines), np.abs(added(np.array([command, before])))
-    of_table = np.zeros(together.shape)
-    of_table[0] = (EARLIER * earlier * np.max(np.abs(together[0]) / np.maximum(sent, LEAST_LINE))) ** 2
+    together = added(lines)
     rubbed = _joints(lines / s**2, inside, n) if joints else np.zeros((len(lines) - 1, 0, len(s)), dtype=complex)
     return Grouped(
         np.sqrt(_summed(np.abs(s) ** 2, starts) / counts)[excited],
@@ -153,7 +144,7 @@ def _of_record(
         added(lines / s),
         added(lines / s**2),
         added(np.array([*(s**-power for power in range(ENDS)), alias / s, alias / s**2])),
-        n * channel_noise(record, info)[:, None] ** 2 + (UNLINEARITY * np.abs(together)) ** 2 + of_table,
+        n * channel_noise(record, info)[:, None] ** 2 + (UNLINEARITY * np.abs(together)) ** 2,
         masses_kg,
         np.array([added(forces) for forces in rubbed]),
     )

@@ -41,6 +41,19 @@ NO_ZEROS = np.empty(0, dtype=complex)
 
 
 @dataclass(frozen=True)
+class Beyond:
+    """The error of the table's response beyond the identified band that the feedback by itself tolerates and must
+    tolerate, both relative, at the frequency where they are nearest."""
+
+    tolerates: float
+    required: float
+    at_hz: float
+
+
+NO_FEEDBACK = Beyond(math.inf, 0.0, math.nan)
+
+
+@dataclass(frozen=True)
 class Stability:
     """Stability of the sampled loop and its margins, with the loop broken at the command.
 
@@ -64,6 +77,7 @@ class Stability:
     gain: float = 1.0  # the worst gain at `at_hz`, a factor
     gain_change: float = 0.0  # relative, within which it is the worst
     compared: ComparedBand = USUAL  # band in which the model was compared with its data
+    feedback: Beyond = NO_FEEDBACK
 
 
 @dataclass(frozen=True)
@@ -191,7 +205,7 @@ def _unstable(found: Stability) -> list[Fault]:
 
 
 def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[Fault]:
-    """Return a reason for each margin (table error, delay) that is smaller than required."""
+    """Return a reason for each margin (table error, feedback, delay) that is smaller than required."""
     faults = []
     if not found.apart < 1.0:  # written so that NaN counts as no margin
         text = (
@@ -206,6 +220,14 @@ def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[Fau
             f"{_advice(found.at_hz, feedback, found.compared)}"
         )
         faults.append(Fault("table error", text, _over(found.required, found.tolerates)))
+    beyond = found.feedback
+    if not beyond.tolerates >= beyond.required:
+        text = (
+            f"the feedback by itself tolerates only {100.0 * beyond.tolerates:.3g} % error of the table at "
+            f"{beyond.at_hz:.3g} Hz, beyond the identified band, {100.0 * beyond.required:.3g} % is required; lower "
+            "feedback_bandwidth_hz, use controller FF, or identify to a higher frequency"
+        )
+        faults.append(Fault("feedback beyond the band", text, _over(beyond.required, beyond.tolerates)))
     if not found.measured.delay_margin_s >= least_delay_s:
         text = (
             f"the loop tolerates only {1e3 * found.measured.delay_margin_s:.3g} ms of further delay, "
@@ -270,13 +292,9 @@ def stability(
     unchecked = min(max(2.0 * gain_uncertainty, UNSEEN_CHANGE), UNCOMPARED_CHANGE)
     zeros = unpaired_zeros(model, compared)
     wanted = required(frequency, measured_hz, scatter, levels, zeros, compared, unchecked)
-    alone, unknown = (
-        _tolerated(loop.feedback * loop.rig[0], np.ones(len(frequency))),
-        _unknown(frequency, identified_hz),
-    )
-    by_feedback = alone * wanted < tolerated * unknown
-    tolerated, wanted = np.where(by_feedback, alone, tolerated), np.where(by_feedback, unknown, wanted)
-    worst = np.where(by_feedback, 1.0, gain)
+    alone = _tolerated(loop.feedback * loop.rig[0], np.ones(len(frequency)))
+    unknown = _unknown(frequency, max(measured_hz[1], compared.high_hz))
+    weak = int(np.argmax(unknown / alone))
     nearest = int(np.argmin(tolerated / wanted))
     weakest = int(np.argmin(np.where(frequency <= compared.high_hz, tolerated, math.inf)))
     apart = np.abs((1.0 + seen) / (1.0 + loop.loop) - 1.0)
@@ -291,9 +309,10 @@ def stability(
         float(tolerated[weakest]),
         float(frequency[weakest]),
         float(apart.max()),
-        float(worst[nearest]),
+        float(gain[nearest]),
         change,
         compared,
+        Beyond(float(alone[weak]), float(unknown[weak]), float(frequency[weak])),
     )
 
 
@@ -345,8 +364,8 @@ def _unknown(frequency_hz: Array, end_hz: float) -> Array:
     """Return the error (n,) of the table's response beyond the end of the identified band that the feedback by itself
     must tolerate, 0 up to there.
 
-    A model that rolls off too early is off by more than the response itself: a deck on its coil answered at 200 Hz four
-    times as much as its model, in the samples of 500 Hz.
+    A model that rolls off too early is off by more than its response: a deck on its coil answered at 200 Hz four times
+    as much as its model, in the samples of 500 Hz.
     """
     return np.where(frequency_hz > end_hz, np.minimum((frequency_hz / (2.0 * end_hz)) ** 2, MOST_UNKNOWN), 0.0)
 

@@ -150,7 +150,10 @@ class NominalSpec(Strict):
     payload_kg: Annotated[float, Range(gt=0, le=1e6)] = Field(default=23.0, description=PAYLOAD)
 
 
-TABLE_GAIN = "of the table's gain, relative, from the verification before a test to its end; a loop must tolerate three"
+TABLE_GAIN = (
+    "of the table's gain, relative, from the verification before a test to its end; a loop must tolerate three, and "
+    "where the verification is coarse two in any direction (from 1 to 6 %)"
+)
 
 
 class UncertaintySpec(Strict):

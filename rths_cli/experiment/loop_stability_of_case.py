@@ -121,4 +121,4 @@ def _stability(
     without = preflight.stability(rig, alone, storeys, best, measured, samples, levels, compared, gain)
     worse = min(found, without, key=lambda each: (each.radius < 1.0, each.tolerates / each.required))
     late = min(found.measured, without.measured, key=lambda each: each.delay_margin_s)
-    return replace(worse, apart=max(found.apart, without.apart), measured=late)
+    return replace(worse, apart=max(found.apart, without.apart), measured=late, feedback=found.feedback)

@@ -72,8 +72,8 @@ def tangent_verdicts(
 ) -> tuple[TangentVerdict, ...]:
     """Return the verdicts at rest and at all tangents, () for a linear building whose specimen has no range.
 
-    `blocks` are linear, those of the storeys at rest; `building` is as identified, with its laws; `ends` those of the
-    specimen's stiffness, over the identified one. The table's response and the blocks of the control stay as identified
+    `blocks` are as designed; `building` is as identified, with its laws; `ends` those of the specimen's stiffness, over
+    the identified one. The table's response and the blocks of the control stay as identified
     and designed.
     """
     frozen = _frozen(building, ends)

@@ -267,6 +267,8 @@ class Problem:
 
         The residual is linear in the lines, so that it changes as theirs do by what the sensors change in them.
         """
+        if not len(parameters):
+            return
         masses_kg, theta, n, start = self._masses_kg(at), at[: 2 * len(self.masses_kg)], len(self.masses_kg), 0
         for part, (moved, floors) in zip(self.lines, self._without_sensors(at), strict=True):
             end = start + 2 * n * len(part.s)

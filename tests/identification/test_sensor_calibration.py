@@ -7,7 +7,7 @@ import pytest
 from bench import rig_info
 
 from rths_cli.control.sensor_correction import correction, recorrected
-from rths_cli.identification.sensor_calibration import Problem, calibrate, calibrated, priors_of
+from rths_cli.identification.sensor_calibration import Priors, Problem, calibrate, calibrated, priors_of
 from rths_cli.identification.specimen_fit import Motion, Start, transform
 from rths_cli.numerics.lti import Model
 from rths_cli.rigs.description import Channel, Uncertainty
@@ -91,6 +91,15 @@ def test_slopes_are_the_differences_of_residuals():
     for place in range(len(chain), len(at)):
         wanted = (problem.residual(at + step[place]) - problem.residual(at - step[place])) / 2e-3
         assert slopes[place, :data] == pytest.approx(wanted, rel=1e-6, abs=1e-6 * float(np.abs(wanted).max()))
+
+
+def test_masses_may_be_all_that_is_free():
+    """One floor on exact sensors whose dynamics stay: nothing but its mass."""
+    table, floor = np.random.default_rng(1).standard_normal((2, 4000))
+    lines = transform(Motion(table, floor[None]), 0.01, (0.5, 14.0))
+    only = Priors(np.zeros(2), np.zeros(2), np.zeros(2), np.array([0.003]))
+    problem = Problem((lines,), MASSES[:1], np.zeros(2), only)
+    assert problem.posterior(np.array([np.log(7000.0), np.log(0.04), 0.0]))[1].shape[0] == 3
 
 
 @pytest.mark.parametrize("seed", range(3))

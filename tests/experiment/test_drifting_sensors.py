@@ -34,6 +34,7 @@ from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.realtime_run import RAMP_UP_S
 
 COUPLED = "table.sensors.high_pass_hz=0.1"
+FEEDBACK = "controller={kind: FF+FB, command_weight: 0.01}"  # not the gentler one that the design chooses at 500 Hz
 MV_PER_MIN = 1e-3 / 60.0
 
 
@@ -145,7 +146,7 @@ def test_the_file_of_a_real_run_has_the_errors_of_the_true_floors_and_names_the_
 
 def test_a_run_that_a_jump_drives_to_its_stop_names_the_jump(memory: Memory) -> None:
     """Feedback follows a table sensor that jumps until the stroke ends: what is said of the sensor is the cause."""
-    setup = setup_with("hachinohe_high_ff_fb", COUPLED)
+    setup = setup_with("hachinohe_high_ff_fb", COUPLED, FEEDBACK)
     given = added(0, 0.0, 0.0, (9.7, 50e-3))
     run = played(setup, memory, given)
     assert run.stopped_by and faults(setup, given, run) == []
@@ -184,7 +185,7 @@ class EndStop(DriftingRig):
 def test_a_run_that_the_rig_ends_names_its_drifting_sensor_and_no_healthy_one(
     memory: Memory, monkeypatch: pytest.MonkeyPatch, given: Added, beyond_m: float, told: str | None
 ) -> None:
-    setup = setup_with("hachinohe_high_ff_fb", COUPLED)
+    setup = setup_with("hachinohe_high_ff_fb", COUPLED, FEEDBACK)
     known = memory.known(setup, lambda _: None)
     design = verdict_on(setup, known).design
     assert design is not None
@@ -210,7 +211,7 @@ def test_what_stood_in_for_lost_samples_accuses_no_healthy_sensor(
 ) -> None:
     """0.3 s of one channel that show another motion, as while a target stalls: told as a drift or jump, unless they are
     known to be missing. The run ends with 2 s that are missing too, as of a target that died at rest."""
-    setup = setup_with("hachinohe_high_ff_fb", COUPLED)
+    setup = setup_with("hachinohe_high_ff_fb", COUPLED, FEEDBACK)
     known = memory.known(setup, lambda _: None)
     design = verdict_on(setup, known).design
     assert design is not None
@@ -243,7 +244,7 @@ def test_what_stood_in_for_lost_samples_accuses_no_healthy_sensor(
 def test_what_a_log_expects_of_the_rig_is_read_as_it_was_written_and_refused_where_it_does_not_fit(
     memory: Memory, name: str, part: str | None, value: object
 ) -> None:
-    setup = setup_with("hachinohe_high_ff_fb", COUPLED)
+    setup = setup_with("hachinohe_high_ff_fb", COUPLED, FEEDBACK)
     known = memory.known(setup, lambda _: None)
     design = verdict_on(setup, known).design
     assert design is not None

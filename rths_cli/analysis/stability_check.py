@@ -292,9 +292,6 @@ def stability(
     unchecked = min(max(2.0 * gain_uncertainty, UNSEEN_CHANGE), UNCOMPARED_CHANGE)
     zeros = unpaired_zeros(model, compared)
     wanted = required(frequency, measured_hz, scatter, levels, zeros, compared, unchecked)
-    alone = _tolerated(loop.feedback * loop.rig[0], np.ones(len(frequency)))
-    unknown = _unknown(frequency, max(measured_hz[1], compared.high_hz))
-    weak = int(np.argmax(unknown / alone))
     nearest = int(np.argmin(tolerated / wanted))
     weakest = int(np.argmin(np.where(frequency <= compared.high_hz, tolerated, math.inf)))
     apart = np.abs((1.0 + seen) / (1.0 + loop.loop) - 1.0)
@@ -312,7 +309,7 @@ def stability(
         float(gain[nearest]),
         change,
         compared,
-        Beyond(float(alone[weak]), float(unknown[weak]), float(frequency[weak])),
+        _beyond_the_band(loop.feedback * loop.rig[0], frequency, max(measured_hz[1], compared.high_hz)),
     )
 
 
@@ -322,7 +319,7 @@ def growth(radius: float, samples: int) -> float:
 
 
 def _worst_gain(loop: ComplexArray, frequency_hz: Array, identified_hz: float, change: float) -> Array:
-    """Return the factor (n,) on the table's gain, within the relative `change`, that brings the loop gain next to -1.
+    """Return the factor (n,) on the gain of a loop (n,), within the relative `change`, that brings it nearest to -1.
 
     It is one beyond the identified band, where the required error covers any change. The remaining relative error
     |1 + 1 / (g L)| is, squared, a parabola in 1 / g.
@@ -360,14 +357,18 @@ def required(
     return np.maximum(total, _beside(frequency_hz, end_hz, zeros))
 
 
-def _unknown(frequency_hz: Array, end_hz: float) -> Array:
-    """Return the error (n,) of the table's response beyond the end of the identified band that the feedback by itself
-    must tolerate, 0 up to there.
+def _beyond_the_band(loop: ComplexArray, frequency_hz: Array, end_hz: float) -> Beyond:
+    """Return what the feedback's own loop (n,) tolerates beyond the end of the identified band, and what it must.
 
     A model that rolls off too early is off by more than its response: a deck on its coil answered at 200 Hz four times
     as much as its model, in the samples of 500 Hz.
     """
-    return np.where(frequency_hz > end_hz, np.minimum((frequency_hz / (2.0 * end_hz)) ** 2, MOST_UNKNOWN), 0.0)
+    if not loop.any():
+        return NO_FEEDBACK
+    tolerated = _tolerated(loop, np.ones(len(loop)))
+    wanted = np.minimum((frequency_hz / (2.0 * end_hz)) ** 2, MOST_UNKNOWN) * (frequency_hz > end_hz)
+    at = int(np.argmax(wanted / tolerated))
+    return Beyond(float(tolerated[at]), float(wanted[at]), float(frequency_hz[at]))
 
 
 def _beside(frequency_hz: Array, end_hz: float, zeros: ComplexArray) -> Array:

@@ -116,8 +116,13 @@ def _modes(judged: Judged) -> dict[str, ArrayLike]:
 
 def _table_error(found: Preflight) -> dict[str, ArrayLike]:
     """Return the metrics of tolerated and required table error."""
-    loop = found.stability
-    return {
+    loop, beyond = found.stability, found.stability.feedback
+    alone: dict[str, ArrayLike] = {
+        "check.feedback_tolerated_error": beyond.tolerates,
+        "check.feedback_required_error": beyond.required,
+        "check.feedback_error_hz": beyond.at_hz,
+    }
+    return (alone if beyond.required > 0.0 else {}) | {
         "check.tolerated_table_error": loop.tolerates,
         "check.required_table_error": loop.required,
         "check.table_error_hz": loop.at_hz,

@@ -32,11 +32,11 @@ from rths_cli.identification.specimen_fit import (
     Lines,
     Motion,
     Start,
-    by_lines,
     evaluated,
     least_samples,
     modal,
     reach_of,
+    residual_change,
     residual_of,
     stretches_of,
     transform,
@@ -276,7 +276,7 @@ class Problem:
             for some in np.array_split(np.arange(len(parameters)), max(-(-len(parameters) // AT_ONCE), 1)):
                 changes = [self._change(at, part, moved, int(parameter)) for parameter in parameters[some]]
                 tables, added, logs = (np.array(each) for each in zip(*changes, strict=True))
-                found = by_lines(moved, masses_kg, theta, tables, added - logs * (part.floors / floors))
+                found = residual_change(moved, masses_kg, theta, tables, added - logs * (part.floors / floors))
                 found = (found.view(complex).reshape(len(some), n, -1) + left * logs) * floors
                 rows[places[some], start:end] = found.reshape(len(some), -1).view(float)
             start = end

@@ -78,7 +78,7 @@ def residual_of(lines: Lines, masses_kg: Array, theta: Array) -> Array:
     return _Response(lines, masses_kg, theta).residual
 
 
-def by_lines(lines: Lines, masses_kg: Array, theta: Array, tables: ComplexArray, floors: ComplexArray) -> Array:
+def residual_change(lines: Lines, masses_kg: Array, theta: Array, tables: ComplexArray, floors: ComplexArray) -> Array:
     """Return the changes (k, 2 n m) of `residual_of`, which is linear in the lines, by those of the table's lines
     (k, m) and of the floors' (k, n, m)."""
     at = _Response(lines, masses_kg, theta)

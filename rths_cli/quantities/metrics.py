@@ -276,6 +276,13 @@ def _of_check() -> Iterator[Quantity]:
         ("required_table_error", "1", "relative error of the table's response that the loop must stand there"),
         ("table_error_hz", "Hz", "where the two are nearest to each other"),
         ("table_gain_change", "1", "that change, relative, up or down: three times uncertainty.table_gain of the rig"),
+        (
+            "feedback_tolerated_error",
+            "1",
+            "error above the identified band that makes the feedback unstable by itself",
+        ),
+        ("feedback_required_error", "1", "the error of the table's response that the feedback must tolerate there"),
+        ("feedback_error_hz", "Hz", "where the two are nearest to each other"),
         ("tolerated_table_error_in_band", "1", "smallest such error up to the end of the compared band"),
         ("table_error_in_band_hz", "Hz", "where that is"),
         ("largest_scaling", "1", "scaling of the record up to which the test is safe, rounded down (0: at none)"),

@@ -204,7 +204,18 @@ def _margins(values: Values, compared_to_hz: float) -> list[str]:
             f"    up to {short(compared_to_hz)} Hz",
             f"tolerated {100.0 * least:.3g} % or more, the least at {short(there)} Hz",
         ),
+        *_beyond_the_band(values),
     ]
+
+
+def _beyond_the_band(values: Values) -> list[str]:
+    """Return the line on the error that the feedback tolerates beyond the identified band; none without feedback."""
+    if "check.feedback_error_hz" not in values:  # nor in files of earlier versions
+        return []
+    stands, must = (100.0 * _one(values, f"feedback_{name}_error") for name in ("tolerated", "required"))
+    at = short(_one(values, "feedback_error_hz"))
+    said = f"tolerated {stands:.3g} %, required {must:.3g} %: tightest at {at} Hz, above the band"
+    return [labelled("    feedback alone", said)]
 
 
 def _tangents(values: Values, names: Sequence[str]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from contextlib import chdir
 from pathlib import Path
 from types import SimpleNamespace
@@ -85,15 +86,26 @@ def test_the_command_says_that_the_metrics_are_the_same_or_not(folder: Path, tmp
     assert other.return_value == 1 and "the metrics are not those of row 1" in other.stderr
 
 
+def before(folder: Path, tmp_path: Path, rewritten: Callable[[str], str]) -> Path:
+    """Return a copy of the sweep whose case was resolved as an earlier version did."""
+    old = tmp_path / "old.h5"
+    old.write_bytes((folder / "s.h5").read_bytes())
+    with h5py.File(old, "r+") as file:
+        file["case_resolved"][()] = rewritten(file["case_resolved"].asstr()[()])
+    return old
+
+
+def without(*keys: str) -> Callable[[str], str]:
+    """Return what takes the lines with these keys out of a text."""
+    return lambda text: "".join(line for line in text.splitlines(keepends=True) if not any(key in line for key in keys))
+
+
 def test_a_row_of_a_sweep_before_keys_that_are_decided_now_says_how_to_play_it_as_then(
     folder: Path, tmp_path: Path
 ) -> None:
     assert read_row(folder / "s.h5", 1).later == ()
-    old, off = tmp_path / "old.h5", "controller.reaction_feedforward=false"
-    old.write_bytes((folder / "s.h5").read_bytes())
+    old, off = before(folder, tmp_path, without(*OF_LATER)), "controller.reaction_feedforward=false"
     with h5py.File(old, "r+") as file:
-        lines = file["case_resolved"].asstr()[()].splitlines(keepends=True)
-        file["case_resolved"][()] = "".join(line for line in lines if not any(key in line for key in OF_LATER))
         file["exp_rths.rms_error_m_s2"][0, 0] *= 1.01
     assert read_row(old, 1).later == tuple(f"controller.{key}=false" for key in OF_LATER)
     words = ["run", "--from", str(old), "--row", "1", "--set", "runs=[exp_rths]", "--set", off, "--output"]
@@ -105,13 +117,10 @@ def test_a_row_of_a_sweep_before_keys_that_are_decided_now_says_how_to_play_it_a
 def test_a_row_of_a_sweep_on_a_rig_that_was_certain_by_default_says_how_to_play_it_as_then(
     folder: Path, tmp_path: Path
 ) -> None:
-    old = tmp_path / "old.h5"
-    old.write_bytes((folder / "s.h5").read_bytes())
-    with h5py.File(old, "r+") as file:
-        resolved = file["case_resolved"].asstr()[()]
-        file["case_resolved"][()] = resolved.replace("skew_s: 2.5e-05", "skew_s: 0.0").replace(
-            "corner: 0.1", "corner: 0.0"
-        )
+    def certain(text: str) -> str:
+        return text.replace("skew_s: 2.5e-05", "skew_s: 0.0").replace("corner: 0.1", "corner: 0.0")
+
+    old = before(folder, tmp_path, certain)
     (setting,) = [one for one in read_row(old, 1).later if one.startswith("table.uncertainty=")]
     assert read_row(old, 1, (setting,)).case.table.uncertainty.skew_s == 0.0
     assert read_row(old, 1, (setting,)).later == ()
@@ -120,11 +129,7 @@ def test_a_row_of_a_sweep_on_a_rig_that_was_certain_by_default_says_how_to_play_
 def test_a_row_of_a_sweep_whose_loops_had_to_tolerate_a_tenth_of_gain_says_how_to_judge_it_as_then(
     folder: Path, tmp_path: Path
 ) -> None:
-    old = tmp_path / "old.h5"
-    old.write_bytes((folder / "s.h5").read_bytes())
-    with h5py.File(old, "r+") as file:
-        lines = file["case_resolved"].asstr()[()].splitlines(keepends=True)
-        file["case_resolved"][()] = "".join(line for line in lines if "table_gain" not in line)
+    old = before(folder, tmp_path, without("table_gain"))
     (setting,) = read_row(old, 1).later
     stated = read_row(old, 1, (setting,)).case.table.uncertainty
     assert (stated.table_gain, stated.corner, stated.skew_s) == pytest.approx((0.1 / 3.0, 0.1, 25e-6))

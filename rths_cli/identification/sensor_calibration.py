@@ -48,6 +48,7 @@ STEP = 1e-3  # of a prior's standard uncertainty, over which slopes by sensors a
 FAR = 10.0  # standard uncertainties of its prior by which a parameter may differ from what is declared
 ROUNDS = 4  # fits, each with the size of the residual that the one before left
 SETTLED = 0.01  # relative change of that size at which the rounds end
+CHAIN_STEP = 1e-5  # of the logarithms of stiffnesses and damping ratios, for the slopes of what couples modes
 TOLERANCE = 1e-8
 SHOWN = 10.0  # information of a stretch, in units of the prior's, from which it shows a parameter better
 # standard uncertainties of damping and stiffness that couple two modes of the chain, over the root of their own
@@ -214,9 +215,11 @@ class Problem:
     def evaluated(self, at: Array) -> tuple[Array, Array]:
         """Return the residual (m,) of the samples and its slopes (2 n, m) by stiffnesses and damping ratios."""
         masses_kg, theta, n = self._masses_kg(at), at[: 2 * len(self.masses_kg)], len(self.masses_kg)
-        each = []
+        coupled, each = self.values(at)[-1], []
         for moved, floors in self._without_sensors(at):
             left, slopes = evaluated([moved], masses_kg, theta)
+            if coupled.any():
+                slopes[:-1] += _by_coupling_of_another_chain(moved, masses_kg, theta, coupled)
             seen = np.vstack([left, slopes[:-1]]).view(complex).reshape(2 * n + 1, n, -1) * floors
             each.append(np.ascontiguousarray(seen).reshape(2 * n + 1, -1).view(float))
         both = np.hstack(each)
@@ -337,6 +340,22 @@ def _by_coupled_modes(lines: Lines, masses_kg: Array, theta: Array, coupled: Arr
     damping, rigidity = (_symmetric(each, n) for each in np.split(coupled, 2))
     forces = s * ((damping * np.sqrt(own * own.T)) @ moved) + (rigidity * np.outer(omega, omega)) @ moved
     return np.asarray(-shapes @ (s**2 * under * forces))
+
+
+def _by_coupling_of_another_chain(lines: Lines, masses_kg: Array, theta: Array, coupled: Array) -> Array:
+    """Return the slopes (2 n, 2 n m) of a residual by what `_by_coupled_modes` takes off the floors' lines.
+
+    Without them the slopes by masses and by stiffnesses would not cancel where both grow alike, and the record would
+    seem to show the total mass.
+    """
+    steps = CHAIN_STEP * np.eye(len(theta))
+    taken = [
+        _by_coupled_modes(lines, masses_kg, theta + step, coupled)
+        - _by_coupled_modes(lines, masses_kg, theta - step, coupled)
+        for step in steps
+    ]
+    floors = -np.array(taken) / (2.0 * CHAIN_STEP)
+    return residual_change(lines, masses_kg, theta, np.zeros((len(theta), len(lines.s)), dtype=complex), floors)
 
 
 def _symmetric(above: Array, n: int) -> Array:

@@ -93,6 +93,19 @@ def test_slopes_are_the_differences_of_residuals():
         assert slopes[place, :data] == pytest.approx(wanted, rel=1e-6, abs=1e-6 * float(np.abs(wanted).max()))
 
 
+def test_slopes_by_the_chain_give_the_slope_of_the_sum_of_squares():
+    """Kaufman's slopes of a variable projection leave out a part that is orthogonal to the residual."""
+    seen, dt_s = motion([1.01, 0.99, 1.0], np.ones(3), np.zeros(3), np.ones(2), seconds=40.0, ripple=0.02)
+    problem = Problem((transform(seen, dt_s, (0.5, 14.0)),), MASSES, np.full(3, 2.0 * np.pi * CORNER_HZ), priors())
+    chain = np.log(np.concatenate([START.stiffness_n_per_m, START.damping_ratio]))
+    at = np.concatenate([chain, 0.5 * np.random.default_rng(3).standard_normal(problem.free.size)])
+    left, slopes = problem.evaluated(at)
+    for place in range(len(chain)):
+        step = 1e-5 * np.eye(len(at))[place]
+        more, less = (problem.residual(at + sign * step) for sign in (1.0, -1.0))
+        assert slopes[place] @ left == pytest.approx((more @ more - less @ less) / 4e-5, rel=1e-5)
+
+
 def test_masses_may_be_all_that_is_free():
     """One floor on exact sensors whose dynamics stay: nothing but its mass."""
     table, floor = np.random.default_rng(1).standard_normal((2, 4000))
@@ -183,6 +196,13 @@ def test_a_specimen_that_is_no_chain_with_modal_damping_shows_no_false_sensors(s
     assert np.abs(pairs(np.log(found.gain))).max() < 5e-4
     assert np.abs(pairs(found.late_s)).max() < 8e-6
     assert abs(np.log(found.mass[1] / found.mass[0])) < 2e-3
+
+
+@pytest.mark.parametrize("specimen", [{"rocking": 2e-6}, {"dashpots": (3.0, 0.0)}])
+def test_a_specimen_that_is_no_chain_shows_no_total_mass_either(specimen):
+    seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), **specimen)
+    found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors())
+    assert found.error_of(np.repeat([0.0, 0.5], [9, 2])) == pytest.approx(0.003 / np.sqrt(2.0), rel=0.01)
 
 
 def test_a_common_gain_alone_changes_nothing():

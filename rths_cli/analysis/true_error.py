@@ -39,6 +39,8 @@ class OwnError:
 
     loop: Array  # as predicted
     changed: Array  # if the specimen's stiffness is off by one standard uncertainty; proportional to what it is off by
+    turning: Array | None = None  # because the specimen's base turns and the reference's is rigid; None: it does not
+    turning_error: float = 0.0  # relative standard uncertainty of how much it turns
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class TrueError:
     median: Array
     bound: Array  # not exceeded with 95 %
     calibration: Array  # root mean square of the part by the calibration
+    turning: Array | None  # the part because the specimen's base turns; None: it does not
     drawn: Array  # (draws, n_storeys) of the distribution
 
     def rank(self, error: Array) -> Array:
@@ -92,7 +95,10 @@ class Sensitivities:
         squares = np.einsum("dp,spq,dq->ds", parameters, self.gram, parameters, optimize=True)
         loop = own.loop * np.exp(PREDICTION * random.standard_normal((DRAWS, 1)))
         changed = own.changed * random.standard_normal((DRAWS, 1))
-        return np.asarray(np.sqrt(np.maximum(squares, 0.0) + loop**2 + changed**2))
+        squares = np.maximum(squares, 0.0) + loop**2 + changed**2
+        if own.turning is not None:
+            squares += (own.turning * (1.0 + own.turning_error * random.standard_normal((DRAWS, 1)))) ** 2
+        return np.asarray(np.sqrt(squares))
 
 
 def sensitivities(
@@ -183,7 +189,8 @@ def true_error(known: Sensitivities, found: Calibration, own: OwnError) -> TrueE
     drawn = known.drawn(found.covariance, own)
     parts = np.einsum("spq,pq->s", known.gram, found.covariance)
     return TrueError(
-        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), drawn,
+        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), own.turning,
+        drawn,
     )  # fmt: skip
 
 

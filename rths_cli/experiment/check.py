@@ -33,9 +33,9 @@ from rths_cli.experiment.simulated_test import Replayed, simulated_test
 from rths_cli.experiment.tangent_verdicts import faults_at_tangents, stated_ends, tangent_verdicts
 from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.shared_values import SharedValues
-from rths_cli.structure import Building, assemble, modes
+from rths_cli.structure import Building, Specimen, assemble, modal_damping_matrix, modes, storey_matrix
 from rths_cli.structure.storey_laws import stacked
-from rths_cli.structure.tangents import at_rest, with_specimen
+from rths_cli.structure.tangents import at_rest, on_specimen, with_specimen
 
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from rths_cli.experiment.tangent_verdicts import TangentVerdict
     from rths_cli.identification.results import Identification
     from rths_cli.numerics.lti import Array, Block
-    from rths_cli.structure import Specimen
 
 RINGS = 7.0  # time constants after which a motion has decayed
 LONGEST_S = 300.0  # longest padding after the record
@@ -204,7 +203,7 @@ def _true_error(
     by_calibration = sensitivities(building, known.lines, known.sim, corners, known.model, known.measured)
     factor = 1.0 + stiffness_uncertainty(setup, identified)
     changed = changed_specimen_error(setup, identified, blocks, known, prediction, factor)
-    own = OwnError(prediction.true, changed)
+    own = OwnError(prediction.true, changed, *_turning_error(identified, building, known))
     since, c = np.zeros_like(calibration.covariance), len(calibration.gain)
     if identified.session is None:
         since[:c, :c] = setup.rig.uncertainty.drift**2 * np.eye(c)
@@ -214,6 +213,18 @@ def _true_error(
         since[np.ix_(places, places)] = identified.session.covariance[: 2 * c, : 2 * c]
     shown = by_calibration.measured_rms(since)
     return true_error(by_calibration, calibration, own), best_remedy(by_calibration, calibration, own), shown
+
+
+def _turning_error(identified: Identification, building: Building, known: Known) -> tuple[Array | None, float]:
+    """Return the RMS error (n_storeys,) in m/s^2 because the specimen's base turns and that of the reference is rigid,
+    and its relative standard uncertainty; None and 0 where it is not seen to turn."""
+    turns, fit = identified.pitch, identified.specimen
+    if turns is None or not turns.seen or fit is None:
+        return None, 0.0
+    masses, stiffness = fit.specimen.masses_kg, storey_matrix(fit.stiffness_n_per_m * turns.stiffness_ratio)
+    rigid = Specimen(masses, stiffness, modal_damping_matrix(masses, stiffness, fit.damping_ratio))
+    of_rigid = sim_lines(on_specimen(building, rigid), known.lines, known.ground[0])
+    return rms(known.lines.evaluated(known.sim - of_rigid)), turns.error_m_per_n / turns.flexibility_m_per_n
 
 
 def stiffness_uncertainty(setup: Setup, identified: Identification) -> float:

@@ -128,7 +128,7 @@ def _evaluate(setup: Setup, measured: Measured, given: Model | None, from_file: 
     """Evaluate the records; raises UnfitRig or RigError for those of the rig, UnfitRecord or InputError for files."""
     if not from_file:
         return evaluated(setup, measured, given)
-    settings = evaluation_settings(setup.case.identification)
+    settings = evaluation_settings(setup)
     found = interruptible(
         lambda: evaluate(measured.records, setup.rig, setup.floor_masses_kg, settings, measured.quiet, given)
     )

@@ -92,8 +92,9 @@ def excitation_settings(options: IdentificationSpec) -> ExcitationSettings:
     )
 
 
-def evaluation_settings(options: IdentificationSpec) -> IdentificationSettings:
+def evaluation_settings(setup: Setup) -> IdentificationSettings:
     """Return the settings of the evaluation that a case requests."""
+    options, heights = setup.case.identification, setup.building.heights_m
     compared = ComparedBand(*options.compared_hz)
     low = max(compared.with_low(BAND_HZ[0]), options.low_hz)
     return IdentificationSettings(
@@ -105,6 +106,7 @@ def evaluation_settings(options: IdentificationSpec) -> IdentificationSettings:
         like_noise=options.excitation in ("noise", "multisine"),
         excited_hz=options.low_hz,
         compared=compared,
+        heights_m=None if heights is None else tuple(heights[-len(setup.floor_masses_kg) :].tolist()),
     )
 
 
@@ -128,7 +130,7 @@ def identify(
 def evaluated(setup: Setup, measured: Measured, given: Model | None = None) -> Identification:
     """Evaluate the measurements on the rig; raises UnfitRig if its channels cannot be used."""
     try:
-        settings = evaluation_settings(setup.case.identification)
+        settings = evaluation_settings(setup)
         found = interruptible(
             lambda: evaluate(measured.records, setup.rig, setup.floor_masses_kg, settings, measured.quiet, given)
         )
@@ -159,7 +161,7 @@ def measure(setup: Setup, progress: Progress, planned: Excitation | None = None)
         notes += [note for note in said if note not in notes]
         records.append(record)
     lines = _lines(setup, loud, level)
-    if evaluation_settings(setup.case.identification).like_noise and level_ratio(records, quiet) < LEAST_LEVELS:
+    if evaluation_settings(setup).like_noise and level_ratio(records, quiet) < LEAST_LEVELS:
         low, quiet = probed(setup, progress, (PROBE, 1), loud.accel_rms_m_s2)
         lines = (*lines, ("low level", f"{low.accel_rms_m_s2:.2g} m/s^2 rms, after the excitation: {TOO_NEAR}"))
     kind = setup.case.table.kind

@@ -24,6 +24,7 @@ from rths_cli.identification.results import (
     LevelCauses,
     LowLevelLines,
     NonlinearSpecimen,
+    Pitch,
     Root,
     SpecimenFit,
     Verdict,
@@ -76,6 +77,8 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
         groups["latency"] = _fields(found.latency)
     if found.calibration is not None:
         groups["calibration"] = _fields(found.calibration)
+    if found.pitch is not None:
+        groups["pitch"] = _fields(found.pitch)
     if found.causes.table or found.causes.storeys:
         groups["level_causes"] = _fields(found.causes)
     if found.low_level_m_s2 is not None:
@@ -110,6 +113,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         friction=_made(Friction, groups["friction"]) if "friction" in groups else None,
         latency=_made(DelayEstimate, groups["latency"]) if "latency" in groups else None,
         calibration=_made(Calibration, groups["calibration"]) if "calibration" in groups else None,
+        pitch=_made(Pitch, groups["pitch"]) if "pitch" in groups else None,
         causes=_made(LevelCauses, groups.get("level_causes", {})),
         compared=_made(ComparedBand, groups.get("compared", {})),
         low_level_m_s2=float(groups["low_level"]["accel_rms_m_s2"]) if "low_level" in groups else None,

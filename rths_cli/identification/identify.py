@@ -26,6 +26,7 @@ from rths_cli.identification.frequency_response import estimate, noise_floor
 from rths_cli.identification.identify_table import TableFit, coherent_up_to, fit_table, levels, with_ripple
 from rths_cli.identification.inputs import Evidence, IdentificationSettings, evidence
 from rths_cli.identification.model_order import doubtful
+from rths_cli.identification.pitch import pitch
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import (
     Calibration,
@@ -36,12 +37,13 @@ from rths_cli.identification.results import (
     LevelBand,
     LevelCauses,
     LowLevelLines,
+    Pitch,
     Root,
     SpecimenFit,
     Verdict,
 )
 from rths_cli.identification.root_uncertainty import of_specimen, of_structure, shifts, together
-from rths_cli.identification.sensor_calibration import calibrate, calibrated, priors_of
+from rths_cli.identification.sensor_calibration import calibrated, fitted, priors_of
 from rths_cli.identification.session_record import low_level_lines
 from rths_cli.identification.specimen_fit import Start
 from rths_cli.identification.table_fit import beyond_scatter, fit_error, rms, within
@@ -92,16 +94,17 @@ def identify(
     settings = settings or IdentificationSettings()
     data = evidence(records, quiet, info, floor_masses_kg, settings)
     declared, table = _identified(data, given)
-    calibration = _calibration(data, declared, table) if info.calibrates and len(data.masses_kg) else None
-    if calibration is None:
+    if not info.calibrates or not len(data.masses_kg):
         return _at_every_level(data, declared, table)
+    calibration, turning = _calibration(data, declared, table)
     channels = calibrated(info.channels, calibration)
     corrected = [_recorrected(record, info.channels, channels, info.dt_s) for record in records]
     low = _recorrected(quiet, info.channels, channels, info.dt_s) if quiet else None
     there = replace(info, channels=channels)
     data = evidence(corrected, low, there, data.masses_kg * calibration.mass, settings)
     found, table = _identified(data, given)
-    return replace(_at_every_level(data, found, table), calibration=calibration)
+    found = replace(_at_every_level(data, found, table), calibration=calibration)
+    return found if found.nonlinear else replace(found, pitch=turning)  # storeys that bend or rub couple modes as well
 
 
 def _at_every_level(data: Evidence, found: Identification, table: _Table) -> Identification:
@@ -116,18 +119,21 @@ def _recorrected(record: Record, before: tuple[Channel, ...], after: tuple[Chann
     return Record(record.command_v, accel, record.parts, record.further)
 
 
-def _calibration(data: Evidence, declared: Identification, table: _Table) -> Calibration:
-    """Return the sensors and masses that the records show, from an identification with those that are declared."""
+def _calibration(data: Evidence, declared: Identification, table: _Table) -> tuple[Calibration, Pitch | None]:
+    """Return the sensors and masses that the records show, from an identification with those that are declared, and how
+    the specimen's base turns."""
     assert declared.specimen is not None
     start = Start(declared.specimen.stiffness_n_per_m, declared.specimen.damping_ratio)
     error = float("inf") if table.given else _ripple_error(data, table, declared.friction)
     priors = priors_of(data.info, data.settings.sensors_removed, declared.best, error)
     seen, low_hz = identify_specimen.motions(data, declared.best, free=False), identify_specimen.lowest_hz(data, start)
-    found = calibrate(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
+    chain = fitted(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
+    heights = data.settings.heights_m
+    turning = pitch(chain, None if heights is None else np.array(heights))
     first_hz = float(declared.specimen.natural_frequency_hz[0])
     moved = [_without_staircase(record, declared.best) for record in data.records]  # no displacement sensor shows it
     seen_beside = observations(moved, data.info, data.masses_kg, low_hz, first_hz)
-    return with_scale(found, seen_beside, len(data.info.further))
+    return with_scale(chain.calibration, seen_beside, len(data.info.further)), turning
 
 
 def _without_staircase(record: Record, model: Model) -> Record:

@@ -37,6 +37,7 @@ class IdentificationSettings:
     like_noise: bool = True  # whether the excitation acts on friction like noise, so that friction can be judged
     most: FitError = LIMITS  # largest errors of an accepted fit
     compared: ComparedBand = USUAL  # band in which the models are compared with the data
+    heights_m: tuple[float, ...] | None = None  # of the specimen's storeys; None: all the same
     excited_hz: float = 0.5  # lowest excited frequency; only for a soft specimen the bands are lowered, down to here
 
 

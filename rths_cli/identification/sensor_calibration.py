@@ -35,6 +35,7 @@ from rths_cli.identification.specimen_fit import (
     evaluated,
     least_samples,
     modal,
+    modes_with,
     reach_of,
     residual_change,
     residual_of,
@@ -48,7 +49,7 @@ STEP = 1e-3  # of a prior's standard uncertainty, over which slopes by sensors a
 FAR = 10.0  # standard uncertainties of its prior by which a parameter may differ from what is declared
 ROUNDS = 4  # fits, each with the size of the residual that the one before left
 SETTLED = 0.01  # relative change of that size at which the rounds end
-CHAIN_STEP = 1e-5  # of the logarithms of stiffnesses and damping ratios, for the slopes of what couples modes
+CHAIN_STEP = 1e-5  # of the chain's parameters, for the slopes of what damping that couples modes adds
 TOLERANCE = 1e-8
 SHOWN = 10.0  # information of a stretch, in units of the prior's, from which it shows a parameter better
 # standard uncertainties of damping and stiffness that couple two modes of the chain, over the root of their own
@@ -117,7 +118,16 @@ def calibrate(
     motions: Sequence[Motion], dt_s: float, masses_kg: Array, channels: Sequence[Channel], low_hz: float, start: Start,
     priors: Priors,
 ) -> Calibration:  # fmt: skip
-    """Return the calibration that motions of table and floors show, in declared units, without the staircase's alias.
+    """Return the calibration of `fitted`."""
+    return fitted(motions, dt_s, masses_kg, channels, low_hz, start, priors).calibration
+
+
+def fitted(
+    motions: Sequence[Motion], dt_s: float, masses_kg: Array, channels: Sequence[Channel], low_hz: float, start: Start,
+    priors: Priors,
+) -> Fitted:  # fmt: skip
+    """Return the chain with its sensors that motions of table and floors show, in declared units, without the
+    staircase's alias.
 
     `masses_kg` (n,) are the weighed masses, lines from `low_hz` up are used. The random error is widened by the Birge
     ratio of stretches, as that of the specimen.
@@ -126,7 +136,7 @@ def calibrate(
     corners = 2.0 * np.pi * np.array([channel.high_pass_hz for channel in channels])
     problem = Problem(
         tuple(transform(motion, dt_s, (low_hz, highest)) for motion in motions), np.asarray(masses_kg, dtype=float),
-        corners, priors,
+        corners, priors, coupling_modes(np.asarray(masses_kg, dtype=float), start.stiffness_n_per_m),
     )  # fmt: skip
     at = np.concatenate([np.log(start.stiffness_n_per_m), np.log(start.damping_ratio), np.zeros(problem.free.size)])
     size = problem.size(at)
@@ -140,7 +150,7 @@ def calibrate(
     widened = _scatter(problem, motions, dt_s, (low_hz, highest), at)
     if widened > 1.0:
         spread = covariance(replace(problem, unit=widened * size).posterior(at)[1], 1.0)
-    return _described(problem, at, spread)
+    return Fitted(problem, at, spread)
 
 
 def calibrated(channels: Sequence[Channel], found: Calibration) -> tuple[Channel, ...]:
@@ -175,6 +185,7 @@ class Problem:
     masses_kg: Array
     corners: Array  # (c,) rad/s
     priors: Priors
+    beside: Array  # (k, n, n) N/m, of `coupling_modes`
     unit: float = 1.0  # size of a residual
 
     @property
@@ -187,58 +198,65 @@ class Problem:
         """Return the largest change of each parameter."""
         return np.concatenate([reach_of(len(self.masses_kg)), np.full(self.free.size, FAR)])
 
-    def values(self, at: Array) -> tuple[Array, Array, Array, Array, float, Array]:
+    def values(self, at: Array) -> tuple[Array, Array, Array, Array, float, Array, Array]:
         """Return logarithms of gains and of corners (c,), lags (c,) in s, logarithms of masses (n,), the change of the
-        ripple in m/s^2 per V and couplings of modes (2 k,)."""
+        ripple in m/s^2 per V, damping (k,) and stiffness (k,) that couple modes."""
         priors, c = self.priors.sizes, len(self.corners)
         sizes = np.zeros(priors.size)
         sizes[self.free] = priors[self.free] * at[2 * len(self.masses_kg) :]
         ends = 3 * c + len(self.masses_kg)
+        damping, stiffness = np.split(sizes[ends + 1 :], 2)
         return (
             sizes[:c],
             sizes[c : 2 * c],
             sizes[2 * c : 3 * c],
             sizes[3 * c : ends],
             float(sizes[ends]),
-            sizes[ends + 1 :],
+            damping,
+            stiffness,
         )
 
     def residual(self, at: Array) -> Array:
         """Return the residual (m,) of the samples."""
-        masses_kg, theta, n = self._masses_kg(at), at[: 2 * len(self.masses_kg)], len(self.masses_kg)
+        masses_kg, theta, n = self._masses_kg(at), self._chain(at), len(self.masses_kg)
         each = []
         for moved, floors in self._without_sensors(at):
-            seen = residual_of(moved, masses_kg, theta).view(complex).reshape(n, -1) * floors
+            seen = residual_of(moved, masses_kg, theta, self.beside).view(complex).reshape(n, -1) * floors
             each.append(np.ascontiguousarray(seen).reshape(-1).view(float))
         return np.concatenate(each)
 
     def evaluated(self, at: Array) -> tuple[Array, Array]:
-        """Return the residual (m,) of the samples and its slopes (2 n, m) by stiffnesses and damping ratios."""
-        masses_kg, theta, n = self._masses_kg(at), at[: 2 * len(self.masses_kg)], len(self.masses_kg)
-        coupled, each = self.values(at)[-1], []
+        """Return the residual (m,) of the samples and its slopes (2 n + k, m) by stiffnesses, damping ratios and the
+        stiffness that couples modes."""
+        masses_kg, theta, n = self._masses_kg(at), self._chain(at), len(self.masses_kg)
+        coupled, each = self.values(at)[5], []
         for moved, floors in self._without_sensors(at):
-            left, slopes = evaluated([moved], masses_kg, theta)
+            left, slopes = evaluated([moved], masses_kg, theta, self.beside)
             if coupled.any():
-                slopes[:-1] += _by_coupling_of_another_chain(moved, masses_kg, theta, coupled)
-            seen = np.vstack([left, slopes[:-1]]).view(complex).reshape(2 * n + 1, n, -1) * floors
-            each.append(np.ascontiguousarray(seen).reshape(2 * n + 1, -1).view(float))
+                slopes[:-1] += self._by_damping_of_another_chain(moved, masses_kg, theta, coupled)
+            seen = np.vstack([left, slopes[:-1]]).view(complex).reshape(len(slopes), n, -1) * floors
+            each.append(np.ascontiguousarray(seen).reshape(len(slopes), -1).view(float))
         both = np.hstack(each)
         return both[0], both[1:]
+
+    def _chain(self, at: Array) -> Array:
+        """Return the parameters (2 n + k,) of the chain and of the stiffness that couples its modes."""
+        return np.concatenate([at[: 2 * len(self.masses_kg)], self.values(at)[6]])
 
     def _masses_kg(self, at: Array) -> Array:
         """Return the masses (n,)."""
         return np.asarray(self.masses_kg * np.exp(self.values(at)[3]))
 
     def _without_sensors(self, at: Array) -> Iterator[tuple[Lines, ComplexArray]]:
-        """Yield the lines as the table and the floors moved, without coupling of modes, and the floors' sensors (n, m)
-        in whose signals a residual is judged."""
-        gain, coupling, late_s, _, ripple, coupled = self.values(at)
+        """Yield the lines as the table and the floors moved, without what damping that couples modes adds, and the
+        floors' sensors (n, m) in whose signals a residual is judged."""
+        gain, coupling, late_s, _, ripple, coupled, _ = self.values(at)
         for part in self.lines:
             sensors = _responses(part.s, self.corners, gain, coupling, late_s - late_s[0])  # a common lag is unseen
             table = part.table if part.staircase is None else part.table - ripple * part.staircase
             moved = Lines(part.s, table / sensors[0], part.floors / sensors[1:])
             if coupled.any():
-                further = _by_coupled_modes(moved, self._masses_kg(at), at[: 2 * len(self.masses_kg)], coupled)
+                further = self._by_damping(moved, self._masses_kg(at), self._chain(at), coupled)
                 moved = replace(moved, floors=moved.floors - further)
             yield moved, sensors[1:]
 
@@ -249,37 +267,42 @@ class Problem:
 
     def posterior(self, at: Array) -> tuple[Array, Array]:
         """Return residuals in their unit and deviations from the priors, with their slopes."""
-        n, free = 2 * len(self.masses_kg), self.free.size
+        n, free, all_of = 2 * len(self.masses_kg), self.free.size, self.priors.sizes.size
         left, slopes = self.evaluated(at)
         rows = np.empty((n + free, left.size))
-        rows[:n] = slopes
+        rows[:n] = slopes[:n]
         first, last = 3 * len(self.corners), 3 * len(self.corners) + len(self.masses_kg)
         of_masses = (self.free >= first) & (self.free < last)
+        of_stiffness = self.free >= all_of - len(self.beside)
+        rows[n + np.flatnonzero(of_stiffness)] = COUPLED_STIFFNESS * slopes[n:]
+        others = ~(of_masses | of_stiffness)
         for place in n + np.flatnonzero(of_masses):
             step = np.zeros(n + free)
             step[place] = STEP
             rows[place] = (self.residual(at + step) - self.residual(at - step)) / (2.0 * STEP)
-        self._by_sensors(at, self.free[~of_masses], n + np.flatnonzero(~of_masses), rows)
+        self._by_sensors(at, self.free[others], n + np.flatnonzero(others), rows)
         of_priors = np.hstack([np.zeros((free, n)), np.eye(free)]).T
         rows /= self.unit
         taken, by_taken = self.taken(at)
         return np.concatenate([left / self.unit, at[n:], [taken]]), np.hstack([rows, of_priors, by_taken[:, None]])
 
     def _by_sensors(self, at: Array, parameters: Integers, places: Integers, rows: Array) -> None:
-        """Write the residual's slopes (k, m) by parameters (k,) other than chain and masses to places of `rows`.
+        """Write the residual's slopes (k, m) by parameters (k,) other than chain, masses and stiffness that couples
+        modes to places of `rows`.
 
         The residual is linear in the lines, so that it changes as theirs do by what the sensors change in them.
         """
         if not len(parameters):
             return
-        masses_kg, theta, n, start = self._masses_kg(at), at[: 2 * len(self.masses_kg)], len(self.masses_kg), 0
+        masses_kg, theta, n, start = self._masses_kg(at), self._chain(at), len(self.masses_kg), 0
         for part, (moved, floors) in zip(self.lines, self._without_sensors(at), strict=True):
             end = start + 2 * n * len(part.s)
-            left = residual_of(moved, masses_kg, theta).view(complex).reshape(n, -1)
+            left = residual_of(moved, masses_kg, theta, self.beside).view(complex).reshape(n, -1)
             for some in np.array_split(np.arange(len(parameters)), max(-(-len(parameters) // AT_ONCE), 1)):
                 changes = [self._change(at, part, moved, int(parameter)) for parameter in parameters[some]]
                 tables, added, logs = (np.array(each) for each in zip(*changes, strict=True))
-                found = residual_change(moved, masses_kg, theta, tables, added - logs * (part.floors / floors))
+                of_floors = added - logs * (part.floors / floors)
+                found = residual_change(moved, masses_kg, theta, self.beside, tables, of_floors)
                 found = (found.view(complex).reshape(len(some), n, -1) + left * logs) * floors
                 rows[places[some], start:end] = found.reshape(len(some), -1).view(float)
             start = end
@@ -287,10 +310,10 @@ class Problem:
     def _change(
         self, at: Array, part: Lines, moved: Lines, parameter: int
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Return the slopes by a parameter, which counts as the priors, of the table's lines (m,), of what couplings of
-        modes take off the floors' (n, m), and of the logarithms of the floors' sensors (n, m)."""
-        masses_kg, theta, size = self._masses_kg(at), at[: 2 * len(self.masses_kg)], self.priors.sizes[parameter]
-        gain, coupling, _late_s, _, _ripple, coupled = self.values(at)
+        """Return the slopes by a parameter, which counts as the priors, of the table's lines (m,), of what damping that
+        couples modes takes off the floors' (n, m), and of the logarithms of the floors' sensors (n, m)."""
+        masses_kg, theta, size = self._masses_kg(at), self._chain(at), self.priors.sizes[parameter]
+        gain, coupling, _late_s, _, _ripple, coupled, _ = self.values(at)
         c, n, s = len(self.corners), len(self.masses_kg), part.s
         table, taken, logs = (np.zeros(shape, dtype=complex) for shape in (len(s), (n, len(s)), (n, len(s))))
         kind, channel = divmod(parameter, c)
@@ -309,15 +332,43 @@ class Problem:
         elif parameter > 3 * c + n:
             one = np.zeros(len(coupled))
             one[parameter - 3 * c - n - 1] = size
-            taken = -_by_coupled_modes(moved, masses_kg, theta, one)
+            taken = -self._by_damping(moved, masses_kg, theta, one)
         if coupled.any() and table.any():
-            taken = -_by_coupled_modes(replace(moved, table=table), masses_kg, theta, coupled)
+            taken = -self._by_damping(replace(moved, table=table), masses_kg, theta, coupled)
         return table, taken, logs
+
+    def _by_damping(self, lines: Lines, masses_kg: Array, theta: Array, coupled: Array) -> ComplexArray:
+        """Return what damping that couples modes adds to the floors' lines (n, m), to first order.
+
+        `coupled` (k,): of each pair of modes over the root of the product of their own. Friction in joints and guides
+        does not respect modes: what it adds lags, and would be taken for the lag of a sensor.
+        """
+        omega, shapes = modes_with(masses_kg, theta, self.beside)
+        s, own = lines.s, (2.0 * np.exp(theta[len(omega) : 2 * len(omega)]) * omega)[:, None]
+        under = 1.0 / (s**2 + own * s + (omega**2)[:, None])
+        moved = -(masses_kg @ shapes)[:, None] * under * lines.table  # modal displacements relative to the table
+        forces = s * ((_symmetric(coupled, len(omega)) * np.sqrt(own * own.T)) @ moved)
+        return np.asarray(-shapes @ (s**2 * under * forces))
+
+    def _by_damping_of_another_chain(self, lines: Lines, masses_kg: Array, theta: Array, coupled: Array) -> Array:
+        """Return the slopes (2 n + k, 2 n m) of a residual by what `_by_damping` takes off the floors' lines.
+
+        Without them the slopes by masses and by stiffnesses would not cancel where both grow alike, and the record
+        would seem to show the total mass.
+        """
+        ends = [theta + sign * step for step in CHAIN_STEP * np.eye(len(theta)) for sign in (1.0, -1.0)]
+        more, less = (
+            np.array([self._by_damping(lines, masses_kg, end, coupled) for end in ends])
+            .reshape(len(theta), 2, len(masses_kg), -1)
+            .swapaxes(0, 1)
+        )
+        floors, still = (less - more) / (2.0 * CHAIN_STEP), np.zeros((len(theta), len(lines.s)), dtype=complex)
+        return residual_change(lines, masses_kg, theta, self.beside, still, floors)
 
     def taken(self, at: Array) -> tuple[float, Array]:
         """Return the change of the ripple beyond what the table's corner explains, in its uncertainty, and its slopes
         (2 n + free,)."""
-        _, coupling, _, _, ripple, _ = self.values(at)
+        _, coupling, _, _, ripple, _, _ = self.values(at)
         sizes, by_corner = np.zeros(self.priors.sizes.size), self.priors.ripple_by_corner
         sizes[len(self.corners)] = -by_corner * np.exp(coupling[0]) * self.priors.coupling[0]
         sizes[3 * len(self.corners) + len(self.masses_kg)] = self.priors.ripple_m_s2_per_v
@@ -325,37 +376,16 @@ class Problem:
         return float((ripple - by_corner * np.expm1(coupling[0])) / self.priors.ripple_error), slopes
 
 
-def _by_coupled_modes(lines: Lines, masses_kg: Array, theta: Array, coupled: Array) -> ComplexArray:
-    """Return what damping and stiffness that couple modes add to the floors' lines (n, m), to first order.
+def coupling_modes(masses_kg: Array, stiffness_n_per_m: Array) -> Array:
+    """Return stiffness matrices (k, n, n) in N/m, each of which couples two modes of a chain, by the root of their own.
 
-    `coupled` (2 k,): damping, then stiffness, of each pair of modes over the root of the product of their own. Friction
-    in joints and guides does not respect modes: what it adds lags, and would be taken for the lag of a sensor. A base
-    that pitches, and hysteresis, bend the shapes: that would be taken for another ratio of masses.
+    A base that pitches and hysteresis bend the shapes of modes, which would be taken for another ratio of masses.
     """
-    stiffness, ratios = np.split(np.exp(theta), 2)
-    omega, shapes = modal(masses_kg, stiffness)
-    n, s, own = len(omega), lines.s, (2.0 * ratios * omega)[:, None]
-    under = 1.0 / (s**2 + own * s + (omega**2)[:, None])
-    moved = -(masses_kg @ shapes)[:, None] * under * lines.table  # modal displacements relative to the table
-    damping, rigidity = (_symmetric(each, n) for each in np.split(coupled, 2))
-    forces = s * ((damping * np.sqrt(own * own.T)) @ moved) + (rigidity * np.outer(omega, omega)) @ moved
-    return np.asarray(-shapes @ (s**2 * under * forces))
-
-
-def _by_coupling_of_another_chain(lines: Lines, masses_kg: Array, theta: Array, coupled: Array) -> Array:
-    """Return the slopes (2 n, 2 n m) of a residual by what `_by_coupled_modes` takes off the floors' lines.
-
-    Without them the slopes by masses and by stiffnesses would not cancel where both grow alike, and the record would
-    seem to show the total mass.
-    """
-    steps = CHAIN_STEP * np.eye(len(theta))
-    taken = [
-        _by_coupled_modes(lines, masses_kg, theta + step, coupled)
-        - _by_coupled_modes(lines, masses_kg, theta - step, coupled)
-        for step in steps
-    ]
-    floors = -np.array(taken) / (2.0 * CHAIN_STEP)
-    return residual_change(lines, masses_kg, theta, np.zeros((len(theta), len(lines.s)), dtype=complex), floors)
+    omega, shapes = modal(masses_kg, stiffness_n_per_m)
+    carried = masses_kg[:, None] * shapes * omega  # columns M phi w
+    first, second = np.triu_indices(len(omega), 1)
+    one = np.einsum("ik,jk->kij", carried[:, first], carried[:, second])
+    return np.asarray(one + one.transpose(0, 2, 1))
 
 
 def _symmetric(above: Array, n: int) -> Array:
@@ -398,12 +428,43 @@ def _scatter(
     return float(np.sqrt(max(total / max(count * (1.0 - 1.0 / len(pieces)), 1.0), 1.0)))
 
 
-def _described(problem: Problem, at: Array, spread: Array) -> Calibration:
-    """Return gains, corners, lags and masses with their covariance, also of those that are as declared."""
-    n, priors = 2 * len(problem.masses_kg), problem.priors.sizes
-    total = priors.size
-    gain, coupling, late_s, mass, *_ = problem.values(at)
-    full, free, shown = np.zeros((total, total)), problem.free, 3 * len(problem.corners) + len(problem.masses_kg)
-    scale = priors[free]
-    full[np.ix_(free, free)] = spread[n:, n:] * np.outer(scale, scale)
-    return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), full[:shown, :shown])
+@dataclass(frozen=True)
+class Fitted:
+    """A chain with its sensors as fitted: the most probable parameters (p,) and their covariance (p, p)."""
+
+    problem: Problem
+    at: Array
+    spread: Array
+
+    @property
+    def calibration(self) -> Calibration:
+        """Return gains, corners, lags and masses with their covariance, also of those that are as declared."""
+        gain, coupling, late_s, mass, *_ = self.problem.values(self.at)
+        shown = 3 * len(self.problem.corners) + len(self.problem.masses_kg)
+        spread = self._covariance[:shown, :shown]
+        return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), spread)
+
+    @property
+    def masses_kg(self) -> Array:
+        """Return the masses (n,) of the floors."""
+        return np.asarray(self.problem.masses_kg * self.calibration.mass)
+
+    @property
+    def stiffness_n_per_m(self) -> Array:
+        """Return the storeys' stiffnesses (n,)."""
+        return np.asarray(np.exp(self.at[: len(self.problem.masses_kg)]))
+
+    @property
+    def coupled_stiffness(self) -> tuple[Array, Array]:
+        """Return the stiffness (k,) that couples each pair of modes, over the root of their own, and its covariance
+        (k, k)."""
+        first = len(self._covariance) - len(self.problem.beside)
+        return self.problem.values(self.at)[6], self._covariance[first:, first:]
+
+    @property
+    def _covariance(self) -> Array:
+        """Return the covariance of all parameters but those of the chain, also of those that are as declared."""
+        n, priors, free = 2 * len(self.problem.masses_kg), self.problem.priors.sizes, self.problem.free
+        full = np.zeros((priors.size, priors.size))
+        full[np.ix_(free, free)] = self.spread[n:, n:] * np.outer(priors[free], priors[free])
+        return full

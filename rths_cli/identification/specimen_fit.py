@@ -42,29 +42,37 @@ class Lines:
 
 def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
     """Return natural frequencies in rad/s, ascending, (n,) and mass-normalised mode shapes (n, n)."""
+    return modes_of(masses_kg, storey_matrix(stiffness_n_per_m))
+
+
+def modes_of(masses_kg: Array, K: Array) -> tuple[Array, Array]:
+    """Return the same of a stiffness matrix (n, n)."""
     root = np.sqrt(masses_kg)
-    eigenvalues, shapes = np.linalg.eigh(storey_matrix(stiffness_n_per_m) / np.outer(root, root))
+    eigenvalues, shapes = np.linalg.eigh(K / np.outer(root, root))
     return np.sqrt(above_rounding(eigenvalues)), shapes / root[:, None]
 
 
 def frequency_slopes(omega: Array, shapes: Array, stiffness_n_per_m: Array) -> Array:
     """Return d w_r / d log k_j in rad/s, (n modes, n storeys)."""
-    return _stiffness_slopes(shapes, stiffness_n_per_m).diagonal().T / (2.0 * omega[:, None])
+    return stiffness_slopes(shapes, stiffness_n_per_m).diagonal().T / (2.0 * omega[:, None])
 
 
-def _stiffness_slopes(shapes: Array, stiffness_n_per_m: Array) -> Array:
+def stiffness_slopes(shapes: Array, stiffness_n_per_m: Array) -> Array:
     """Return phi_q^T (d K / d log k_j) phi_r, (n modes q, n modes r, n storeys j)."""
     drift = np.diff(shapes, axis=0, prepend=0.0)
     return np.einsum("jq,jr,j->qrj", drift, drift, stiffness_n_per_m)
 
 
-def evaluated(lines: Sequence[Lines], masses_kg: Array, theta: Array) -> tuple[Array, Array]:
-    """Return the residual of the floors' lines and its slopes (2 n + 1, ...).
+def evaluated(
+    lines: Sequence[Lines], masses_kg: Array, theta: Array, beside: Array | None = None
+) -> tuple[Array, Array]:
+    """Return the residual of the floors' lines and its slopes (2 n + k + 1, ...).
 
-    `theta` (2 n,): logarithms of the storeys' stiffnesses and of the modal damping ratios. The residual is the floors'
-    lines minus transmissibility and linear terms. The last slope is that by a delay of the table's signal in s.
+    `theta` (2 n + k,): logarithms of the storeys' stiffnesses and of the modal damping ratios, and how much there is of
+    each stiffness matrix `beside` (k, n, n) the chain's; None: k is 0. The residual is the floors' lines minus
+    transmissibility and linear terms. The last slope is that by a delay of the table's signal in s.
     """
-    each = [_evaluated(part, masses_kg, theta) for part in lines]
+    each = [_evaluated(part, masses_kg, theta, beside) for part in lines]
     return np.concatenate([residual for residual, _ in each]), np.hstack([slopes for _, slopes in each])
 
 
@@ -73,40 +81,47 @@ def without_time(both: tuple[Array, Array]) -> tuple[Array, Array]:
     return both[0], both[1][:-1]
 
 
-def residual_of(lines: Lines, masses_kg: Array, theta: Array) -> Array:
+def residual_of(lines: Lines, masses_kg: Array, theta: Array, beside: Array | None = None) -> Array:
     """Return the residual (2 n m,) of one set of lines as `evaluated` does, without its slopes, much faster."""
-    return _Response(lines, masses_kg, theta).residual
+    return _Response(lines, masses_kg, theta, beside).residual
 
 
-def residual_change(lines: Lines, masses_kg: Array, theta: Array, tables: ComplexArray, floors: ComplexArray) -> Array:
+def residual_change(
+    lines: Lines, masses_kg: Array, theta: Array, beside: Array, tables: ComplexArray, floors: ComplexArray
+) -> Array:
     """Return the changes (k, 2 n m) of `residual_of`, which is linear in the lines, by those of the table's lines
     (k, m) and of the floors' (k, n, m)."""
-    at = _Response(lines, masses_kg, theta)
+    at = _Response(lines, masses_kg, theta, beside)
     left = floors - at.shapes @ (at.participation * at.through * tables[:, None])
     return _without(parts(left).reshape(len(floors), -1), at.columns)[0]
 
 
-def _evaluated(lines: Lines, masses_kg: Array, theta: Array) -> tuple[Array, Array]:
-    """Return the residual (2 n m,) of one set of lines and its slopes (2 n + 1, 2 n m)."""
-    at = _Response(lines, masses_kg, theta)
+def _evaluated(lines: Lines, masses_kg: Array, theta: Array, beside: Array | None) -> tuple[Array, Array]:
+    """Return the residual (2 n m,) of one set of lines and its slopes (2 n + k + 1, 2 n m)."""
+    at = _Response(lines, masses_kg, theta, beside)
     s, omega, carried = lines.s, at.omega, at.carried
     free = (at.found[: 2 * len(omega)] / at.size).reshape(2, len(omega), 1)
     moved = at.participation * carried + np.sum(free * at.state, axis=0)
     pulled = (at.participation * lines.table - moved) * at.under
     basis = parts(np.concatenate([moved, carried, pulled, s * pulled, s * carried]))
-    slopes = -(_weights(masses_kg, at.stiffness, at.ratios, omega, at.shapes) @ basis).reshape(len(theta) + 1, -1)
+    changes = stiffness_slopes(at.shapes, at.stiffness)
+    if beside is not None:
+        changes = np.dstack([changes, np.einsum("iq,kij,jr->qrk", at.shapes, beside, at.shapes)])
+    weights = _weights(masses_kg, changes, at.ratios, omega, at.shapes)
+    slopes = -(weights @ basis).reshape(len(theta) + 1, -1)
     return at.residual, _without(slopes, at.columns)[0]
 
 
 class _Response:
-    """The modes of a chain (n,), their response at lines (m,), and what it leaves of the floors' lines.
+    """The modes (n,) of a chain with what stiffness is beside it, their response at lines (m,), and what it leaves of
+    the floors' lines.
 
     `residual` (2 n m,); `columns` and `found` are the linear terms and their factors.
     """
 
-    def __init__(self, lines: Lines, masses_kg: Array, theta: Array) -> None:
-        self.stiffness, self.ratios = np.split(np.exp(theta), 2)
-        self.omega, self.shapes = modal(masses_kg, self.stiffness)
+    def __init__(self, lines: Lines, masses_kg: Array, theta: Array, beside: Array | None) -> None:
+        self.stiffness, self.ratios = np.split(np.exp(theta[: 2 * len(masses_kg)]), 2)
+        self.omega, self.shapes = modes_with(masses_kg, theta, beside)
         s, omega = lines.s, self.omega
         self.participation = (masses_kg @ self.shapes)[:, None]
         given = (2.0 * self.ratios * omega)[:, None] * s + (omega**2)[:, None]
@@ -118,6 +133,13 @@ class _Response:
         self.columns, self.size = _linear_terms(self.state, self.shapes, omega[0] / s)
         residual, found = _without(parts(left).reshape(1, -1), self.columns)
         self.residual, self.found = residual[0], found[0]
+
+
+def modes_with(masses_kg: Array, theta: Array, beside: Array | None) -> tuple[Array, Array]:
+    """Return natural frequencies and shapes of a chain with `theta` and `beside` as in `evaluated`."""
+    n = len(masses_kg)
+    K = storey_matrix(np.exp(theta[:n]))
+    return modes_of(masses_kg, K if beside is None else K + np.tensordot(theta[2 * n :], beside, axes=1))
 
 
 def _linear_terms(state: ComplexArray, shapes: Array, drift: ComplexArray) -> tuple[Array, Array]:
@@ -140,26 +162,26 @@ def _without(values: Array, rows: Array) -> tuple[Array, Array]:
     return values - found @ rows, found
 
 
-def _weights(masses_kg: Array, stiffness: Array, ratios: Array, omega: Array, shapes: Array) -> Array:
-    """Return the coefficients of the model's slopes (2 n + 1 parameters, n floors) in a basis of 5 n rows.
+def _weights(masses_kg: Array, changes: Array, ratios: Array, omega: Array, shapes: Array) -> Array:
+    """Return the coefficients of the model's slopes (2 n + k + 1 parameters, n floors) in a basis of 5 n rows.
 
-    A change of log k_j changes shapes and frequencies, d phi_r = sum over q of phi_q phi_q^T K_j phi_r / (w_r^2 -
-    w_q^2). A change of log zeta_r changes the damping of one mode. The slope by the table's delay is -s times the
-    response.
+    A change K_j of the stiffness, here phi_q^T K_j phi_r (n, n, n + k), the storeys' first, changes shapes and
+    frequencies: d phi_r = sum over q of phi_q phi_q^T K_j phi_r / (w_r^2 - w_q^2). A change of log zeta_r changes the
+    damping of one mode. The slope by the table's delay is -s times the response.
     """
-    n, coupled = len(omega), _stiffness_slopes(shapes, stiffness)
+    n, count = len(omega), changes.shape[2]
     apart = np.subtract.outer(-(omega**2), -(omega**2))  # w_r^2 - w_q^2, q first
     apart = np.copysign(np.maximum(np.abs(apart), ROUNDING * omega[-1] ** 2), apart) + np.diag(np.full(n, np.inf))
-    turned = np.einsum("iq,qrj->jir", shapes, coupled / apart[:, :, None])
-    faster = (coupled.diagonal() / (2.0 * omega)).reshape(n, 1, n)  # d w_r / d log k_j, (j, 1, r)
-    weights = np.zeros((2 * n + 1, n, 5, n))
-    weights[:n, :, 0] = turned
-    weights[:n, :, 1] = shapes * np.einsum("i,jir->jr", masses_kg, turned)[:, None]
-    weights[:n, :, 2] = shapes * (2.0 * omega) * faster
-    weights[:n, :, 3] = shapes * (2.0 * ratios) * faster
+    turned = np.einsum("iq,qrj->jir", shapes, changes / apart[:, :, None])
+    faster = (changes.diagonal() / (2.0 * omega)).reshape(count, 1, n)  # d w_r / d j, (j, 1, r)
+    weights, stiffer = np.zeros((n + count + 1, n, 5, n)), np.r_[:n, 2 * n : n + count]
+    weights[stiffer, :, 0] = turned
+    weights[stiffer, :, 1] = shapes * np.einsum("i,jir->jr", masses_kg, turned)[:, None]
+    weights[stiffer, :, 2] = shapes * (2.0 * omega) * faster
+    weights[stiffer, :, 3] = shapes * (2.0 * ratios) * faster
     weights[n : 2 * n, :, 3] = np.eye(n)[:, None] * (shapes * 2.0 * ratios * omega)
     weights[-1, :, 4] = -shapes * (masses_kg @ shapes)
-    return weights.reshape(2 * n + 1, n, 5 * n)
+    return weights.reshape(n + count + 1, n, 5 * n)
 
 
 ABOVE_HIGHEST = 1.6  # the lines used end at this multiple of the highest natural frequency

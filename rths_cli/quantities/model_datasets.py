@@ -25,6 +25,7 @@ GROUPS = {
     "friction": "Dry friction of the table, as the change of the command that it is worth.",
     "latency": "Delay from command to table: converter, hold and transport.",
     "calibration": "Sensors and weighed masses relative to what is declared, as the records show them.",
+    "pitch": "How the base of the specimen turns, where storeys do not bend or rub.",
     "level_causes": "What makes the responses at low and at full level differ.",
     "low_level": "The record at low level, with which a later verification is compared.",
     "low_level_lines": "Lines of that record, by a Hann window over all of it, for the record of a session.",
@@ -176,6 +177,11 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
                 "covariance", "1", ("parameter", "of_parameter"),
                 "of log gain, log coupling, late_s (in s) and log mass, one after the other",
             ),
+        ),
+        "pitch": (
+            ("flexibility_m_per_n", "m/N", (), "motion of the top floor, by turning of the base, per force on it"),
+            ("error_m_per_n", "m/N", (), f"{unsure} it"),
+            ("stiffness_ratio", "1", FLOORS, "storey stiffnesses on a rigid base over the identified ones"),
         ),
         "level_causes": (
             ("table", "1", ("table_entry",), "causes in the table, the likeliest first"),

@@ -10,7 +10,7 @@ import numpy as np
 from rths_cli.numerics.lti import Array
 from rths_cli.structure.shear_chain import storey_matrix, storey_values
 from rths_cli.structure.storey_laws import arranged
-from rths_cli.structure.substructures import Building, assemble
+from rths_cli.structure.substructures import Building, Specimen, assemble
 
 LOCKING = 100.0  # critical dashpots 2 sqrt(k m), at which a storey is locked
 
@@ -84,7 +84,11 @@ def _ranges(building: Building, stiffness: Array) -> tuple[Array, Array]:
 
 def with_specimen(building: Building, factor: float) -> Building:
     """Return a linear building whose experimental storeys have `factor` times their stiffness."""
-    specimen = replace(building.specimen, K=factor * building.specimen.K)
+    return on_specimen(building, replace(building.specimen, K=factor * building.specimen.K))
+
+
+def on_specimen(building: Building, specimen: Specimen) -> Building:
+    """Return a linear building with another specimen of the same masses."""
     mass = building.interface_experimental_mass_kg
     return Building(building.numerical, specimen, mass, *assemble(building.numerical, specimen, mass))
 

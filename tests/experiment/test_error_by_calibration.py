@@ -72,6 +72,23 @@ def test_an_error_of_the_calibration_costs_what_is_expected(
     np.testing.assert_allclose(expected, np.sqrt(wrong**2 - right**2), rtol=within)
 
 
+def test_a_base_that_turns_is_seen_and_costs_what_is_expected(tmp_path: Path, memory: Memory) -> None:
+    """The rig's equations of motion hold the weight along the turned floors and the base's inertia, too."""
+    turns = ("table.imperfections.pitch.frequency_hz=30", "table.imperfections.pitch.storey_height_m=0.2")
+    setup = setup_of(*turns)
+    found = memory.identify(setup, lambda _: None)
+    heights, masses = np.array([0.2, 0.4]), setup.building.specimen.masses_kg
+    inertia = setup.case.table.imperfections.pitch.inertia_kg_m2 + masses @ heights**2
+    true = heights[-1] ** 2 / (inertia * (2.0 * np.pi * 30.0) ** 2)
+    assert found.pitch is not None and found.pitch.seen
+    assert abs(found.pitch.flexibility_m_per_n - true) < 2.0 * found.pitch.error_m_per_n < 0.3 * true
+    assert run_case(setup, tmp_path / "result.h5", memory, "test", lambda _: None).status == "complete"
+    result = read_result(tmp_path / "result.h5").metrics
+    went_wrong = np.asarray(result["exp_rths.true_reference_rms_error_m_s2"])
+    np.testing.assert_allclose(np.asarray(result["check.pitch_error_m_s2"]), went_wrong, rtol=0.15)
+    assert np.all(went_wrong < np.asarray(result["check.true_error_bound_m_s2"]))
+
+
 def test_a_model_of_a_certain_rig_gets_the_bound_of_the_uncertainties_that_the_rig_states(
     tmp_path: Path, memory: Memory
 ) -> None:

@@ -7,7 +7,7 @@ import pytest
 from bench import rig_info
 
 from rths_cli.control.sensor_correction import correction, recorrected
-from rths_cli.identification.sensor_calibration import Priors, Problem, calibrate, calibrated, priors_of
+from rths_cli.identification.sensor_calibration import Priors, Problem, calibrate, calibrated, coupling_modes, priors_of
 from rths_cli.identification.specimen_fit import Motion, Start, transform
 from rths_cli.numerics.lti import Model
 from rths_cli.rigs.description import Channel, Uncertainty
@@ -35,6 +35,7 @@ def priors(uncertainty=DECLARED):
 METRES_PER_VOLT = 0.0079
 TABLE = Model(np.zeros(2), np.full(3, -30.0), -1.2e5, 0.0, (0.5, 12.0), -1.4, 1, 5e-4, CORNER_HZ)
 START = Start(1.02 * STIFFNESS, 1.1 * RATIOS)
+BESIDE = coupling_modes(MASSES, START.stiffness_n_per_m)
 
 
 def transmissibilities(s, masses, stiffness, ratios, dashpots=(0.0, 0.0), rocking=0.0):
@@ -80,30 +81,33 @@ def pairs(values):
     return values[1:] - values[0]
 
 
-def test_slopes_are_the_differences_of_residuals():
+@pytest.fixture(scope="module")
+def off_the_solution():
+    """Return a fit's problem and parameters that are not its solution."""
     seen, dt_s = motion([1.01, 0.99, 1.0], np.ones(3), np.zeros(3), np.ones(2), seconds=40.0, ripple=0.02)
     corners = np.full(3, 2.0 * np.pi * CORNER_HZ)
-    problem = Problem((transform(seen, dt_s, (0.5, 14.0)),), MASSES, corners, priors())
+    problem = Problem((transform(seen, dt_s, (0.5, 14.0)),), MASSES, corners, priors(), BESIDE)
     chain = np.log(np.concatenate([START.stiffness_n_per_m, START.damping_ratio]))
-    at = np.concatenate([chain, 0.5 * np.random.default_rng(3).standard_normal(problem.free.size)])
+    return problem, np.concatenate([chain, 0.5 * np.random.default_rng(3).standard_normal(problem.free.size)])
+
+
+def test_slopes_by_sensors_masses_and_damping_are_the_differences_of_residuals(off_the_solution):
+    problem, at = off_the_solution
     slopes, step = problem.posterior(at)[1], 1e-3 * np.eye(len(at))
     data = len(problem.residual(at))
-    for place in range(len(chain), len(at)):
+    for place in range(2 * len(MASSES), len(at) - len(BESIDE)):
         wanted = (problem.residual(at + step[place]) - problem.residual(at - step[place])) / 2e-3
         assert slopes[place, :data] == pytest.approx(wanted, rel=1e-6, abs=1e-6 * float(np.abs(wanted).max()))
 
 
-def test_slopes_by_the_chain_give_the_slope_of_the_sum_of_squares():
+def test_slopes_by_stiffness_give_the_slope_of_the_sum_of_squares(off_the_solution):
     """Kaufman's slopes of a variable projection leave out a part that is orthogonal to the residual."""
-    seen, dt_s = motion([1.01, 0.99, 1.0], np.ones(3), np.zeros(3), np.ones(2), seconds=40.0, ripple=0.02)
-    problem = Problem((transform(seen, dt_s, (0.5, 14.0)),), MASSES, np.full(3, 2.0 * np.pi * CORNER_HZ), priors())
-    chain = np.log(np.concatenate([START.stiffness_n_per_m, START.damping_ratio]))
-    at = np.concatenate([chain, 0.5 * np.random.default_rng(3).standard_normal(problem.free.size)])
-    left, slopes = problem.evaluated(at)
-    for place in range(len(chain)):
+    problem, at = off_the_solution
+    slopes, left = problem.posterior(at)[1], problem.residual(at)
+    for place in [*range(2 * len(MASSES)), *range(len(at) - len(BESIDE), len(at))]:
         step = 1e-5 * np.eye(len(at))[place]
         more, less = (problem.residual(at + sign * step) for sign in (1.0, -1.0))
-        assert slopes[place] @ left == pytest.approx((more @ more - less @ less) / 4e-5, rel=1e-5)
+        assert slopes[place, : len(left)] @ left == pytest.approx((more @ more - less @ less) / 4e-5, rel=1e-5)
 
 
 def test_masses_may_be_all_that_is_free():
@@ -111,7 +115,7 @@ def test_masses_may_be_all_that_is_free():
     table, floor = np.random.default_rng(1).standard_normal((2, 4000))
     lines = transform(Motion(table, floor[None]), 0.01, (0.5, 14.0))
     only = Priors(np.zeros(2), np.zeros(2), np.zeros(2), np.array([0.003]))
-    problem = Problem((lines,), MASSES[:1], np.zeros(2), only)
+    problem = Problem((lines,), MASSES[:1], np.zeros(2), only, coupling_modes(MASSES[:1], STIFFNESS[:1]))
     assert problem.posterior(np.array([np.log(7000.0), np.log(0.04), 0.0]))[1].shape[0] == 3
 
 

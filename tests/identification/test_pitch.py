@@ -1,0 +1,94 @@
+"""How a base turns, found from motions of specimens whose equations of motion are written down here."""
+
+import numpy as np
+import pytest
+from bench import rig_info
+
+from rths_cli.identification.pitch import pitch
+from rths_cli.identification.sensor_calibration import Priors, fitted
+from rths_cli.identification.specimen_fit import Motion, Start
+
+MASSES = {1: [6.9], 2: [6.91, 6.95], 3: [6.91, 6.95, 4.2]}
+STIFFNESS = {1: [7000.0], 2: [7331.56, 7376.40], 3: [9000.0, 7376.40, 5200.0]}
+DT_S, SECONDS = 0.01, 120.0
+
+
+def rising(count):
+    return np.arange(1.0, count + 1.0)
+
+
+def motion(count, rocking, heights, noise=1e-3, seed=5, ties=0.0):
+    """Return what a table in 400 sines and its floors show: floors of a chain whose base turns so that the top floor
+    moves by `rocking` m per N on it. `ties` in N/m is a spring from the table to the top floor."""
+    random = np.random.default_rng(seed)
+    hz = np.sort(random.uniform(0.4, 16.0, 400))
+    s = 2j * np.pi * hz
+    lines = random.uniform(0.5, 1.0, 400) * np.exp(2j * np.pi * random.random(400)) / 10.0
+    drifts = np.eye(count) - np.eye(count, k=-1)
+    M, K = np.diag(MASSES[count]), drifts.T @ np.diag(STIFFNESS[count]) @ drifts
+    K[-1, -1] += ties
+    C = 0.003 * K
+    up = np.asarray(heights) / heights[-1]
+    K = np.linalg.inv(np.linalg.inv(K) + rocking * np.outer(up, up))
+    ones = M @ np.ones(count)
+    floors = np.array([1.0 - at**2 * np.linalg.solve(at**2 * M + at * C + K, ones) for at in s]).T
+    basis = np.exp(np.outer(s, np.arange(round(SECONDS / DT_S)) * DT_S))
+    signals = (np.vstack([lines, lines * floors]) @ basis).real
+    signals += noise * random.standard_normal(signals.shape)
+    return Motion(signals[0], signals[1:])
+
+
+def turning(seen, heights=None, gain=0.01, mass=0.003):
+    """Return what is found of a base, gains and masses of these uncertainties."""
+    count = len(seen.floors)
+    channels = rig_info().channels[:1] * (count + 1)
+    start = Start(1.02 * np.array(STIFFNESS[count]), np.full(count, 0.04))
+    none = np.zeros(count + 1)
+    priors = Priors(np.full(count + 1, gain), none, none, np.full(count, mass))
+    return pitch(fitted([seen], DT_S, np.array(MASSES[count]), channels, 0.5, start, priors), heights)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("rocking", [2e-7, 2e-6])
+def test_a_base_that_turns_is_found_with_the_storeys_on_a_rigid_one(count, rocking):
+    seen = motion(count, rocking, rising(count), noise=1e-4)
+    found = turning(seen)
+    assert found.seen and found.flexibility_m_per_n == pytest.approx(rocking, rel=0.1)
+    assert abs(found.flexibility_m_per_n - rocking) < 2.0 * found.error_m_per_n
+    channels = rig_info().channels[:1] * (count + 1)
+    start = Start(np.array(STIFFNESS[count]), np.full(count, 0.04))
+    none = np.zeros(count + 1)
+    chain = fitted([seen], DT_S, np.array(MASSES[count]), channels, 0.5, start, Priors(none, none, none, none[1:]))
+    changed = np.abs(chain.stiffness_n_per_m / STIFFNESS[count] - 1.0).max()
+    rigid = np.abs(chain.stiffness_n_per_m * found.stiffness_ratio / STIFFNESS[count] - 1.0).max()
+    assert rigid < 0.1 * changed
+
+
+def test_stated_heights_count():
+    heights = np.array([1.0, 1.4, 3.0])
+    seen = motion(3, 2e-6, heights)
+    told, untold = turning(seen, np.diff(heights, prepend=0.0)), turning(seen)
+    assert told.flexibility_m_per_n == pytest.approx(2e-6, rel=0.03)
+    assert abs(untold.flexibility_m_per_n - 2e-6) > 3.0 * abs(told.flexibility_m_per_n - 2e-6)
+
+
+def test_uncertainties_cover_the_errors_of_many_records():
+    """They may be too wide: one factor for the scatter of stretches holds for all that is fitted."""
+    over = []
+    for seed in range(30):
+        found = turning(motion(2, 1e-7, rising(2), noise=2e-3, seed=seed))
+        over.append((found.flexibility_m_per_n - 1e-7) / found.error_m_per_n)
+    assert 0.1 < np.sqrt(np.mean(np.square(over))) < 1.2
+
+
+def test_a_rigid_base_is_not_said_to_turn():
+    assert not turning(motion(3, 0.0, rising(3))).seen
+
+
+def test_another_stiffness_that_couples_modes_is_not_taken_for_a_base():
+    """A spring from the table to the top floor stiffens, a base that turns only softens."""
+    assert not turning(motion(3, 0.0, rising(3), ties=40.0)).seen
+
+
+def test_one_floor_shows_no_base():
+    assert turning(motion(1, 0.0, rising(1))) is None

@@ -31,9 +31,9 @@ OF_LAWS = (
     "check.tangent_", "check.critical_delay_least_s", "check.critical_delay_most_s", "check.ductility",
     "check.residual_drift_m", "check.restoring_work_j", "check.peak_inter_storey_drift_m",
 )  # fmt: skip
-OF_CALIBRATION = ("check.true_error", "check.calibration_error")
-LINEAR = {path for path in metrics_of("check") if not path.startswith((*OF_LAWS, *OF_CALIBRATION))}
-"""The figures of a check of a linear building on a rig that is as declared."""
+OF_CALIBRATION, OF_BASE = ("check.true_error", "check.calibration_error"), "check.pitch_error"
+LINEAR = {path for path in metrics_of("check") if not path.startswith((*OF_LAWS, *OF_CALIBRATION, OF_BASE))}
+"""The figures of a check of a linear building on a rig that is as declared, whose base is not seen to turn."""
 TRUE_ERROR = {path for path in metrics_of("check") if path.startswith(OF_CALIBRATION)}
 """Those that a rig has beside them some of whose sensors, instants or masses are uncertain."""
 

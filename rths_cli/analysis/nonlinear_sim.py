@@ -47,8 +47,7 @@ FINEST_SMOOTH = 10  # halvings for the sake of smoothness alone
 NODES = np.array([0.0, 0.5 - np.sqrt(5.0) / 10.0, 0.5 + np.sqrt(5.0) / 10.0, 1.0])
 ROUNDS = 60  # of the fixed point before a step is halved
 CONVERGED = 1e-14  # of the largest force so far
-SMOOTH = 1e-3  # third difference of a force within a step, of its largest value so far
-SMOOTH_OWN = 1e-6  # the same for a user's own law, whose kinks are no events
+SMOOTH = 1e-6  # third difference of a force within a step, of its largest value so far
 MOST_STORED = 4e7  # numbers of the matrices of all step sizes: 320 MB
 DONE, EVENT, ROUGH, FAILED = range(4)
 FORCE, SLOPE, ANCHOR, LOW, HIGH, RULE, BRANCH, SIDE = range(8)  # of a branch: f + slope (u - anchor), where it holds
@@ -619,6 +618,6 @@ def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
         if code[i] == OWN and moved[0, storeys + which[i]] * moved[3, storeys + which[i]] < 0.0:
             return ROUGH  # the farthest drift lies between nodes
         third = made[i, 3] - made[i, 0] + 5.0**0.5 * (made[i, 1] - made[i, 2])
-        if abs(third) > (SMOOTH_OWN if code[i] == OWN else SMOOTH) * max(scale[i], abs(made[i, 3])):
+        if abs(third) > SMOOTH * max(scale[i], abs(made[i, 3])):
             return ROUGH
     return DONE

@@ -209,6 +209,28 @@ def test_clough_unloads_no_softer_than_its_secant() -> None:
     assert of_peak(response.abs_accel_m_s2[:, ::10], accel) < 1e-6
 
 
+SHARP = {"kind": "bouc_wen", "yield_displacement_m": 5e-4, "hardening": 0.05, "exponent": 20.0, "beta": 0.5, "gamma": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("law", "seed"),
+    [
+        ({"kind": "elastic_gap", "gap_m": 0.002, "contact_n_per_m": 1e6}, 2),
+        ({**SHARP, "zeta_s": 0.9, "p": 1.0, "q": 0.1, "psi": 0.1, "delta_psi": 0.0, "lambda": 0.5}, 1),
+    ],
+)
+def test_forces_that_bend_within_a_coarse_sample_are_followed(law: dict[str, Any], seed: int) -> None:
+    """Contact of two samples, and a pinched, sharp yielding, at 500 Hz."""
+    made, springs, dt_s = Made(seed), [7e3, 6e3], 2e-3
+    response = simulate_with_laws(building_of([6.0, 7.0], springs, [5.0], [[law]]), dt_s, made.record(dt_s))
+    linear = building_of([6.0, 7.0], springs, [5.0], [])
+    times = np.arange(0, len(made.record(dt_s)), 5) * dt_s
+    disp, vel, accel, _ = adaptive((linear.M, linear.C, linear.K), springs, [[law]], made.knots_s, made.ground, times)
+    assert of_peak(response.rel_disp_m[:, ::5], disp) < 1e-7
+    assert of_peak(response.rel_vel_m_s[:, ::5], vel) < 1e-7
+    assert of_peak(response.abs_accel_m_s2[:, ::5], accel) < 1e-6
+
+
 @pytest.mark.parametrize(
     ("law", "dashpot", "peaks_m"),
     [

@@ -128,17 +128,21 @@ def of_laws(
 ) -> dict[str, ArrayLike]:
     """Return ductility, residual drift and work of storeys with laws by path; none for a linear building.
 
-    `rel_disp_m` (n_storeys, n), `law_force_n` (s, n) of the lowest s storeys, beside their springs. `work_j` (s,) of
-    the laws; None: by the trapezoidal rule over the drift, and the motion is that of a test, in which accelerometers do
+    `rel_disp_m` (n_storeys, n), `law_force_n` (s, n) of the lowest s storeys, beside their springs; computed storeys
+    above them have springs alone. `work_j` (s,) of the laws; None: by the trapezoidal rule over the drift, and the motion is that of a test, in which accelerometers do
     not know the residual drift of the storeys on the table. What is not known of a storey is NaN.
     """
     if building.linear:
         return {}
-    drift, known = inter_storey_drift_m(rel_disp_m), len(law_force_n)
+    drift, computed = inter_storey_drift_m(rel_disp_m), len(building.numerical.masses_kg)
+    known = max(len(law_force_n), computed)
     laws, limits = building.laws, np.full(building.storeys, np.nan)
     for storey, limit in zip(laws.storey, laws.yield_drift_m, strict=True):
         limits[storey] = np.fmin(limits[storey], limit)
-    of_laws_j = np.trapezoid(law_force_n, drift[:known], axis=1) if work_j is None else work_j
+    of_laws_j = np.zeros(known)
+    of_laws_j[: len(law_force_n)] = (
+        np.trapezoid(law_force_n, drift[: len(law_force_n)], axis=1) if work_j is None else work_j
+    )
     springs = np.concatenate([storey_values(building.numerical.K), storey_values(building.specimen.K)])
     work = np.full(building.storeys, np.nan)
     work[:known] = 0.5 * springs[:known] * drift[:known, -1] ** 2 + of_laws_j

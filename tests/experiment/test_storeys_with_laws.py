@@ -12,6 +12,7 @@ from scipy.integrate import cumulative_trapezoid
 
 import rths_cli
 from rths_cli.case.load import load_cases
+from rths_cli.experiment.run_metrics import of_laws
 from rths_cli.experiment.setup import make_setup
 
 LAWS = {
@@ -87,3 +88,12 @@ def test_a_hybrid_test_follows_sim_of_a_yielding_storey(name: str) -> None:
     assert result.exp_rths.part_value_names == "law_force_1_n (N)"
     assert np.abs(result.exp_rths.part_values[0]).max() > 5.0
     assert "simulated on the rig as identified" in result.attributes["warnings"]
+
+
+def test_a_computed_storey_above_the_highest_law_works_by_its_spring() -> None:
+    """Storey 1 of four has a law, storey 2 is computed too; the storeys on the table are not known."""
+    building = make_setup(load_cases(["el_centro_base_isolated"])[0]).building
+    disp = np.array([[0.0, 0.003], [0.0, 0.005], [0.0, 0.006], [0.0, 0.007]])
+    found = of_laws("exp_rths", building, disp, np.array([[0.0, -10.0]]))
+    work = [0.5 * 11000 * 0.003**2 - 0.5 * 10.0 * 0.003, 0.5 * 7354 * 0.002**2, np.nan, np.nan]
+    np.testing.assert_allclose(np.asarray(found["exp_rths.restoring_work_j"]), work)

@@ -34,7 +34,7 @@ HARDENING = "stiffness beyond yielding over that of the storey; 1: it never yiel
 class StoreyLaw(Strict):
     """Hold a law of a storey; `kind` decides which keys there are."""
 
-    wanted: ClassVar[str] = "a law, a list of laws, or nothing"
+    wanted: ClassVar[str] = "a law such as {kind: cubic, ...}, a list of laws, or nothing"
 
     kind: str = Field(description="what the law is; decides which keys there are")
 
@@ -87,6 +87,8 @@ class BoucWenLaw(StoreyLaw):
         beta, gamma = 0.5 if beta is None else beta, 0.5 if gamma is None else gamma
         if not beta + gamma > 0.0:
             yield ("gamma",), f"must be > -beta = {-beta:g}, otherwise the force has no bound; got {gamma:g}"
+        if (number(data, "zeta_s") or 0.0) > 0.0 and number(data, "lambda") == 0.0:
+            yield ("lambda",), "must be > 0 with zeta_s > 0, otherwise the pinching has no width at first; got 0"
 
 
 class ElasticGapLaw(StoreyLaw):
@@ -201,7 +203,7 @@ def _of_kind(data: Any, handler: ValidatorFunctionWrapHandler) -> StoreyLaw:
         raise refusal(f"must be {StoreyLaw.wanted}, got {shown(data)}")
     kind = data.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        told = "is missing; add kind" if kind is None else f"no law is called {shown(kind)}{near(str(kind), KINDS)}"
+        told = "kind is missing; add it" if kind is None else f"no law is called {shown(kind)}{near(str(kind), KINDS)}"
         detail = InitErrorDetails(type=refusal(told), loc=("kind",) if kind is not None else (), input=kind)
         raise ValidationError.from_exception_data(StoreyLaw.__name__, [detail])
     return KINDS[kind].model_validate(data)
@@ -212,7 +214,9 @@ def _by_storey(data: Any) -> Any:
     if isinstance(data, Mapping | StoreyLaw):
         data = (data,)
     if not isinstance(data, list | tuple):
-        return data
+        raise refusal(
+            f"must be a law such as {{kind: cubic, ...}}, or a list with an entry per storey, got {shown(data)}"
+        )
     return tuple(() if one is None else tuple(one) if isinstance(one, list | tuple) else (one,) for one in data)
 
 
@@ -231,9 +235,12 @@ def _one_spring(laws: tuple[StoreyLaw, ...]) -> tuple[StoreyLaw, ...]:
     taken = sum(map(_share_taken, taking))
     if taken > 1.0 + ROUNDING:
         kinds = " and ".join(law.kind for law in taking)
+        remedy = "keep one of them, or lower their shares, 1 - hardening or share, until they add up to 1 at most"
+        if any(isinstance(law, CloughLaw) for law in taking):
+            remedy = "keep one of them; clough may lose all of the stiffness by itself, whatever its hardening"
         raise refusal(
             f"{kinds} take {taken:.4g} times the storey's stiffness away when they yield, as each describes the "
-            "storey's own spring: keep one of them, or raise hardening until their 1 - hardening add up to 1 at most"
+            f"storey's own spring: {remedy}"
         )
     return laws
 

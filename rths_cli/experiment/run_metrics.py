@@ -129,8 +129,9 @@ def of_laws(
     """Return ductility, residual drift and work of storeys with laws by path; none for a linear building.
 
     `rel_disp_m` (n_storeys, n), `law_force_n` (s, n) of the lowest s storeys, beside their springs; computed storeys
-    above them have springs alone. `work_j` (s,) of the laws; None: by the trapezoidal rule over the drift, and the motion is that of a test, in which accelerometers do
-    not know the residual drift of the storeys on the table. What is not known of a storey is NaN.
+    above them have springs alone. `work_j` (s,) of the laws; None: by the trapezoidal rule over the drift, and the
+    motion is that of a test, in which accelerometers do not know the residual drift of the storeys on the table. What
+    is not known of a storey is NaN.
     """
     if building.linear:
         return {}

@@ -133,7 +133,7 @@ def _definition(path: str, who: str, text: str) -> Definition:
     module.__file__ = path
     try:
         exec(compile(text, path, "exec"), vars(module))
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"{FIELD}: {who} cannot be loaded: {_told(error)}") from error
     return _of_module(module, who, text)
 
@@ -150,7 +150,7 @@ def _of_package(name: str) -> Definition:
     who = f"law {name} ({found[0].value})"
     try:
         module = found[0].load()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"{FIELD}: {who} cannot be loaded: {_told(error)}; repair its package") from error
     if not isinstance(module, ModuleType):
         raise InputError(f"{FIELD}: {who} must name a module, not {type(module).__name__}")

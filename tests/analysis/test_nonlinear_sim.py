@@ -209,14 +209,27 @@ def test_clough_unloads_no_softer_than_its_secant() -> None:
     assert of_peak(response.abs_accel_m_s2[:, ::10], accel) < 1e-6
 
 
-SHARP = {"kind": "bouc_wen", "yield_displacement_m": 5e-4, "hardening": 0.05, "exponent": 20.0, "beta": 0.5, "gamma": 0.5}
+SHARP = {"kind": "bouc_wen", "yield_displacement_m": 5e-4, "hardening": 0.05, "exponent": 20.0}
 
 
 @pytest.mark.parametrize(
     ("law", "seed"),
     [
         ({"kind": "elastic_gap", "gap_m": 0.002, "contact_n_per_m": 1e6}, 2),
-        ({**SHARP, "zeta_s": 0.9, "p": 1.0, "q": 0.1, "psi": 0.1, "delta_psi": 0.0, "lambda": 0.5}, 1),
+        (
+            {
+                **SHARP,
+                "beta": 0.5,
+                "gamma": 0.5,
+                "zeta_s": 0.9,
+                "p": 1.0,
+                "q": 0.1,
+                "psi": 0.1,
+                "delta_psi": 0.0,
+                "lambda": 0.5,
+            },
+            1,
+        ),
     ],
 )
 def test_forces_that_bend_within_a_coarse_sample_are_followed(law: dict[str, Any], seed: int) -> None:

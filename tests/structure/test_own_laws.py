@@ -127,6 +127,7 @@ def test_a_law_that_takes_long_is_refused_and_one_that_does_not_come_back(monkey
         ("def tangents(", "def tangent(", "has no function tangents(parameters)"),
         ("def force(", "def force(:", "cannot be loaded: SyntaxError"),
         ("STATES = 1", "import no_such_module", "cannot be loaded: ModuleNotFoundError"),
+        ("STATES = 1", "raise SystemExit(0)", "cannot be loaded: SystemExit"),
     ],
 )
 def test_what_the_text_of_a_law_shows_is_told_before_it_is_compiled(

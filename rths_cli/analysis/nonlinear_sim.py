@@ -293,9 +293,7 @@ def _rates(code: int, numbers: Array, signs: Array, v: float, inner: Array, rate
     """Write the rates (2,) of a law's inner variables."""
     numbers, signs, inner, rate = borrowed((numbers, signs, inner, rate))
     rate[0] = rate[1] = 0.0
-    if code == MAXWELL:
-        rate[0] = numbers[0] * (v - inner[0] / numbers[1])
-    elif code == BOUC_WEN:
+    if code == BOUC_WEN:
         y, e, w = inner[0], inner[1], v / numbers[1]
         n, beta, gamma = numbers[3], numbers[4], numbers[5]
         nu, eta = 1.0 + numbers[7] * e, 1.0 + numbers[8] * e
@@ -539,6 +537,32 @@ def _take_branches(laws: LawState) -> None:
 
 
 @shared_part
+def _relax(numbers: Array, rate_m_s: Array, inner: Array, weights: Array, step_s: float) -> None:
+    """Solve the force of a Maxwell damper at the last three nodes, `inner` (4, 2), for the drift's rates at all four.
+
+    Its own equation is linear. Solved at once it needs no step as short as the damper's relaxation.
+    """
+    rate_m_s, inner, weights = borrowed((rate_m_s, inner, weights))
+    reach = step_s * numbers[0]
+    decay = reach / numbers[1]
+    a, b, c = 1.0 + decay * weights[1, 1], decay * weights[1, 2], decay * weights[1, 3]
+    d, e, f = decay * weights[2, 1], 1.0 + decay * weights[2, 2], decay * weights[2, 3]
+    g, h, i = decay * weights[3, 1], decay * weights[3, 2], 1.0 + decay * weights[3, 3]
+    x, y, z = inner[0, 0], inner[0, 0], inner[0, 0]
+    for j in range(4):
+        supplied = reach * rate_m_s[j]
+        if j == 0:
+            supplied -= decay * inner[0, 0]
+        x += weights[1, j] * supplied
+        y += weights[2, j] * supplied
+        z += weights[3, j] * supplied
+    whole = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    inner[1, 0] = (x * (e * i - f * h) - b * (y * i - f * z) + c * (y * h - e * z)) / whole
+    inner[2, 0] = (a * (y * i - f * z) - x * (d * i - f * g) + c * (d * z - y * g)) / whole
+    inner[3, 0] = (a * (e * z - y * h) - b * (d * z - y * g) + x * (d * h - e * g)) / whole
+
+
+@shared_part
 def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
     """Solve the laws' forces at the nodes of one step; tell whether it holds, or why it must be halved.
 
@@ -580,14 +604,17 @@ def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
             break
         solved = True
         for i in range(laws):
-            for m in range(1, 4):  # first of all: a law at rest has neither force nor rates, but is moved
-                _rates(code[i], numbers[i], signs[i], moved[m, storeys + which[i]], inner[i, m], rates[i, m])
-            for m in range(1, 4):
-                for x in range(2):
-                    total = inner[i, 0, x]
-                    for j in range(4):
-                        total += step_s * weights[m, j] * rates[i, j, x]
-                    inner[i, m, x] = total
+            if code[i] == MAXWELL:
+                _relax(numbers[i], moved[:, storeys + which[i]], inner[i], weights, step_s)
+            else:
+                for m in range(1, 4):  # first of all: a law at rest has neither force nor rates, but is moved
+                    _rates(code[i], numbers[i], signs[i], moved[m, storeys + which[i]], inner[i, m], rates[i, m])
+                for m in range(1, 4):
+                    for x in range(2):
+                        total = inner[i, 0, x]
+                        for j in range(4):
+                            total += step_s * weights[m, j] * rates[i, j, x]
+                        inner[i, m, x] = total
             for m in range(1, 4):
                 u, v = moved[m, which[i]], moved[m, storeys + which[i]]
                 if code[i] == OWN:

@@ -19,7 +19,7 @@ from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
-from rths_cli.experiment.setup import make_setups, shown
+from rths_cli.experiment.setup import make_setups, refuse_unstable_steps, shown
 from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
@@ -200,6 +200,8 @@ def check_cases(
     """
     memory = memory or Memory(Cache())
     setups = make_setups(cases, overrides, parts=parts, samples=samples)
+    for setup in setups:
+        refuse_unstable_steps(setup.case, setup.building)
     for setup in setups:
         memory.prepare(setup)
     return [check_case(setup, memory, progress) for setup in setups]

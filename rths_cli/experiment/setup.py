@@ -118,7 +118,8 @@ def make_setup(
     building = shared.get(
         "building", building_key(case), lambda: interruptible(lambda: build(case.structure, case.damping))
     )
-    computed_storeys(building, 1.0 / case.sample_rate_hz, case.integration)  # refuses what cannot be integrated
+    if set(case.runs) - {"sim", "sim_delay"}:
+        refuse_unstable_steps(case, building)
     masses, info = np.asarray(case.structure.experimental.masses_kg, dtype=float), rig_info(case)
     try:
         true_values(case, info)
@@ -154,6 +155,14 @@ def motion_key(case: Case) -> tuple[object, ...]:
 def building_key(case: Case) -> tuple[str, str]:
     """Return the key of a case's building for SharedValues: everything that it depends on."""
     return case.structure.model_dump_json(), case.damping.model_dump_json()
+
+
+def refuse_unstable_steps(case: Case, building: Building) -> None:
+    """Raise InputError where the loop cannot integrate the computed storeys at the case's rate; SIM may know them."""
+    try:
+        computed_storeys(building, 1.0 / case.sample_rate_hz, case.integration)
+    except InputError as error:
+        raise InputError(*(placed(case, fault) for fault in error.faults)) from error
 
 
 def make_setups(

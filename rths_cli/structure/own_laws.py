@@ -359,7 +359,7 @@ def _time_per_call(definition: Definition, values: Array, largest_m: float) -> f
     return min(means)
 
 
-def _told(error: Exception) -> str:
+def _told(error: BaseException) -> str:
     """Return an exception as part of a sentence, on one line."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}"[:300] if text else type(error).__name__

@@ -12,6 +12,7 @@ from scipy.integrate import cumulative_trapezoid
 
 import rths_cli
 from rths_cli.case.load import load_cases
+from rths_cli.errors import InputError
 from rths_cli.experiment.run_metrics import of_laws
 from rths_cli.experiment.setup import make_setup
 
@@ -97,3 +98,17 @@ def test_a_computed_storey_above_the_highest_law_works_by_its_spring() -> None:
     found = of_laws("exp_rths", building, disp, np.array([[0.0, -10.0]]))
     work = [0.5 * 11000 * 0.003**2 - 0.5 * 10.0 * 0.003, 0.5 * 7354 * 0.002**2, np.nan, np.nan]
     np.testing.assert_allclose(np.asarray(found["exp_rths.restoring_work_j"]), work)
+
+
+def test_sim_alone_needs_no_step_that_is_stable(tmp_path: Path) -> None:
+    """A damper too stiff for the loop at 2 kHz: SIM is that of a dashpot, the check and a hybrid test are refused."""
+    shortened(Path(__file__).parents[2] / "records" / "el_centro.csv", tmp_path / "short.csv", 250)
+    settings = {"record.file": str(tmp_path / "short.csv"), "runs": ["sim"]}
+    stiff = case({"kind": "maxwell", "spring_n_per_m": 1e9, "dashpot_n_s_per_m": 50.0})
+    dashpot = case({"kind": "viscous_power", "coefficient": 50.0, "exponent": 1.0})
+    found, wanted = (rths_cli.run(one, settings=settings).sim.abs_accel_m_s2 for one in (stiff, dashpot))
+    np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
+    with pytest.raises(InputError, match="its stiffest tangent"):
+        rths_cli.check(stiff, settings=settings)
+    with pytest.raises(InputError, match="its stiffest tangent"):
+        rths_cli.run(stiff)

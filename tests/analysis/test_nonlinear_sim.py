@@ -191,7 +191,7 @@ def test_stiff_maxwell_dampers_act_from_the_first_sample_on(spring: float, dashp
     building, record = building_of([6.0, 7.0, 8.0], [7e3, 6e3, 5e3], [5.0, 4.0], [[law], [law]]), made.record(1e-3)
     response = simulate_with_laws(building, 1e-3, record)
     disp, vel, accel = with_maxwell_dampers(building, 1e-3, record)
-    assert of_peak(response.rel_disp_m, disp) < 1e-9
+    assert of_peak(response.rel_disp_m, disp) < (1e-9 if spring > 1e8 else 1e-10)
     assert of_peak(response.rel_vel_m_s, vel) < 1e-8
     assert of_peak(response.abs_accel_m_s2, accel) < 1e-7
 

@@ -9,6 +9,7 @@ Nothing here is shared with the loop, whose reference this is. Without a force o
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -27,7 +28,7 @@ from rths_cli.errors import InputError
 from rths_cli.numerics.compiled import borrowed, entry, shared_part
 from rths_cli.numerics.lti import Array, Integers
 from rths_cli.numerics.user_functions import call_force
-from rths_cli.structure import Building
+from rths_cli.structure import Building, storey_values
 from rths_cli.structure.storey_laws import (
     BILINEAR,
     BOUC_WEN,
@@ -139,7 +140,8 @@ def simulate_with_laws(building: Building, dt_s: float, ground_accel_m_s2: Array
         tables, laws_at_rest(laws, which, tables), at_rest(2 * n, 2), linear, record, dt_s, change, force, work
     )
     if failed >= 0:
-        raise InputError(f"SIM: {too_steep(failed * dt_s)}")
+        drifts = np.diff(linear[failed - 1, :n] + change[failed - 1, :n], prepend=0.0)  # the last that is known
+        raise InputError(f"SIM: {_collapse(building, drifts, failed * dt_s) or too_steep(failed * dt_s)}")
     history.force_n[storeys], history.work_j[storeys] = force.T, work.T
     states = linear.T + change.T
     abs_accel = start.abs_accel_m_s2 + A[n:] @ change.T + push[n:] @ force.T
@@ -151,6 +153,22 @@ def simulate_with_laws(building: Building, dt_s: float, ground_accel_m_s2: Array
         base_shear_n=base_shear_n(building, abs_accel),
         laws=history,
     )
+
+
+def _collapse(building: Building, drifts_m: Array, time_s: float) -> str:
+    """Return the sentence on a cubic law whose storey has drifted (n_storeys,) to where it has no stiffness left, ""
+    if none has."""
+    springs = np.concatenate([storey_values(building.numerical.K), storey_values(building.specimen.K)])
+    for storey, code, numbers in zip(building.laws.storey, building.laws.code, building.laws.numbers, strict=True):
+        if code != CUBIC or numbers[0] >= 0.0:
+            continue
+        most = math.sqrt(springs[storey] / (3.0 * abs(numbers[0])))
+        if abs(drifts_m[storey]) > most:
+            return (
+                f"storey {storey + 1} collapses at {time_s:.4g} s: its cubic law leaves no stiffness beyond a drift of "
+                f"{most:.4g} m, it drifts by {abs(drifts_m[storey]):.4g} m; lower the scaling, or abs(cubic_n_per_m3)"
+            )
+    return ""
 
 
 def too_steep(time_s: float) -> str:

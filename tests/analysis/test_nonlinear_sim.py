@@ -16,6 +16,7 @@ from rths_cli.analysis.sim import Response, simulate
 from rths_cli.analysis.structural_response import inter_storey_drift_m
 from rths_cli.case.load import load_cases
 from rths_cli.case.storey_law_schema import KINDS
+from rths_cli.errors import InputError
 from rths_cli.experiment.setup import make_setup
 from rths_cli.structure import Building, build, storey_values
 
@@ -370,3 +371,12 @@ def test_laws_of_a_file_reach_the_storey_they_stand_at(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text("structure: own\ndamping: low\nrecord: el_centro\nscaling: 0.3\ncontroller: FF\n")
     laws = make_setup(load_cases([tmp_path / "a.yaml"])[0]).building.laws
     assert laws.storey.tolist() == [1, 1] and laws.numbers[:, :2].tolist() == [[1000.0, 50.0], [500.0, 0.0]]
+
+
+def test_a_storey_that_collapses_is_told_so() -> None:
+    made = Made(1)
+    law = {"kind": "cubic", "cubic_n_per_m3": -1e9, "largest_drift_m": 0.05}
+    with pytest.raises(
+        InputError, match=r"storey 1 collapses .* no stiffness beyond a drift of 0\.001528 m, it drifts"
+    ):
+        simulate_with_laws(building_of([6.0, 7.0], [7e3, 6e3], [5.0], [[law]]), 1e-3, made.record(1e-3))

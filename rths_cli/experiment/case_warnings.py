@@ -43,7 +43,7 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
         *record_above_the_band(setup),
         *_coupled_sensors(setup),
     ]
-    if setup.building.has_laws:
+    if setup.building.has_laws and design is not None:
         found.append(ASSUMPTIONS)
     if design is not None and (told := range_assumption(setup.case, design.blocks.counters_reaction)):
         found.append(told)

@@ -33,6 +33,6 @@ def test_the_storey_that_is_farthest_off_is_told() -> None:
 
 def test_the_rank_of_a_true_error_is_its_probability() -> None:
     drawn = np.column_stack([np.arange(1000.0), 2.0 * np.arange(1000.0)])
-    predicted = TrueError(*(np.zeros(2) for _ in range(3)), drawn)
+    predicted = TrueError(*(np.zeros(2) for _ in range(3)), None, drawn)
     found = metrics_of(predicted, {"exp_rths.true_reference_rms_error_m_s2": np.array([250.0, 250.0])})
     assert np.asarray(found["exp_rths.true_error_rank"]) == pytest.approx([0.25, 0.125])

@@ -156,17 +156,22 @@ def simulate_with_laws(building: Building, dt_s: float, ground_accel_m_s2: Array
 
 
 def _collapse(building: Building, drifts_m: Array, time_s: float) -> str:
-    """Return the sentence on a cubic law whose storey has drifted (n_storeys,) to where it has no stiffness left, ""
-    if none has."""
-    springs = np.concatenate([storey_values(building.numerical.K), storey_values(building.specimen.K)])
-    for storey, code, numbers in zip(building.laws.storey, building.laws.code, building.laws.numbers, strict=True):
-        if code != CUBIC or numbers[0] >= 0.0:
+    """Return the sentence on a storey that has drifted (n_storeys,) to where its cubic laws leave it no stiffness, ""
+    if none has; a storey with other laws beside them is left out."""
+    springs, laws = (
+        np.concatenate([storey_values(building.numerical.K), storey_values(building.specimen.K)]),
+        building.laws,
+    )
+    for storey in np.unique(laws.storey):
+        here = laws.storey == storey
+        softer = -float(laws.numbers[here, 0].sum())
+        if (laws.code[here] != CUBIC).any() or softer <= 0.0:
             continue
-        most = math.sqrt(springs[storey] / (3.0 * abs(numbers[0])))
+        most = math.sqrt(springs[storey] / (3.0 * softer))
         if abs(drifts_m[storey]) > most:
             return (
                 f"storey {storey + 1} collapses at {time_s:.4g} s: its cubic law leaves no stiffness beyond a drift of "
-                f"{most:.4g} m, it drifts by {abs(drifts_m[storey]):.4g} m; lower the scaling, or abs(cubic_n_per_m3)"
+                f"{most:.4g} m; lower the scaling, or abs(cubic_n_per_m3)"
             )
     return ""
 

@@ -39,8 +39,8 @@ class OwnError:
 
     loop: Array  # as predicted
     changed: Array  # if the specimen's stiffness is off by one standard uncertainty; proportional to what it is off by
-    turning: Array | None = None  # because the specimen's base turns and the reference's is rigid; None: it does not
-    turning_error: float = 0.0  # relative standard uncertainty of how much it turns
+    pitch: Array | None = None  # by pitch of the specimen's base, where that of the reference is rigid; None: not seen
+    pitch_error: float = 0.0  # relative standard uncertainty of how much it pitches
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class TrueError:
     median: Array
     bound: Array  # not exceeded with 95 %
     calibration: Array  # root mean square of the part by the calibration
-    turning: Array | None  # the part because the specimen's base turns; None: it does not
+    pitch: Array | None  # the part by pitch of the specimen's base; None: it does not
     drawn: Array  # (draws, n_storeys) of the distribution
 
     def rank(self, error: Array) -> Array:
@@ -96,8 +96,8 @@ class Sensitivities:
         loop = own.loop * np.exp(PREDICTION * random.standard_normal((DRAWS, 1)))
         changed = own.changed * random.standard_normal((DRAWS, 1))
         squares = np.maximum(squares, 0.0) + loop**2 + changed**2
-        if own.turning is not None:
-            squares += (own.turning * (1.0 + own.turning_error * random.standard_normal((DRAWS, 1)))) ** 2
+        if own.pitch is not None:
+            squares += (own.pitch * (1.0 + own.pitch_error * random.standard_normal((DRAWS, 1)))) ** 2
         return np.asarray(np.sqrt(squares))
 
 
@@ -189,7 +189,7 @@ def true_error(known: Sensitivities, found: Calibration, own: OwnError) -> TrueE
     drawn = known.drawn(found.covariance, own)
     parts = np.einsum("spq,pq->s", known.gram, found.covariance)
     return TrueError(
-        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), own.turning,
+        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), own.pitch,
         drawn,
     )  # fmt: skip
 

@@ -203,7 +203,7 @@ def _true_error(
     by_calibration = sensitivities(building, known.lines, known.sim, corners, known.model, known.measured)
     factor = 1.0 + stiffness_uncertainty(setup, identified)
     changed = changed_specimen_error(setup, identified, blocks, known, prediction, factor)
-    own = OwnError(prediction.true, changed, *_turning_error(identified, building, known))
+    own = OwnError(prediction.true, changed, *_pitch_error(identified, building, known))
     since, c = np.zeros_like(calibration.covariance), len(calibration.gain)
     if identified.session is None:
         since[:c, :c] = setup.rig.uncertainty.drift**2 * np.eye(c)
@@ -215,16 +215,16 @@ def _true_error(
     return true_error(by_calibration, calibration, own), best_remedy(by_calibration, calibration, own), shown
 
 
-def _turning_error(identified: Identification, building: Building, known: Known) -> tuple[Array | None, float]:
-    """Return the RMS error (n_storeys,) in m/s^2 because the specimen's base turns and that of the reference is rigid,
-    and its relative standard uncertainty; None and 0 where it is not seen to turn."""
-    turns, fit = identified.pitch, identified.specimen
-    if turns is None or not turns.seen or fit is None:
+def _pitch_error(identified: Identification, building: Building, known: Known) -> tuple[Array | None, float]:
+    """Return the RMS error (n_storeys,) in m/s^2 by pitch of the specimen's base and that of the reference is rigid,
+    and its relative standard uncertainty; None and 0 where none is seen."""
+    pitch, fit = identified.pitch, identified.specimen
+    if pitch is None or not pitch.seen or fit is None:
         return None, 0.0
-    masses, stiffness = fit.specimen.masses_kg, storey_matrix(fit.stiffness_n_per_m * turns.stiffness_ratio)
+    masses, stiffness = fit.specimen.masses_kg, storey_matrix(fit.stiffness_n_per_m * pitch.stiffness_ratio)
     rigid = Specimen(masses, stiffness, modal_damping_matrix(masses, stiffness, fit.damping_ratio))
     of_rigid = sim_lines(on_specimen(building, rigid), known.lines, known.ground[0])
-    return rms(known.lines.evaluated(known.sim - of_rigid)), turns.error_m_per_n / turns.flexibility_m_per_n
+    return rms(known.lines.evaluated(known.sim - of_rigid)), pitch.error_m_per_n / pitch.flexibility_m_per_n
 
 
 def stiffness_uncertainty(setup: Setup, identified: Identification) -> float:

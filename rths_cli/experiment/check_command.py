@@ -167,8 +167,8 @@ def _on_true_error(setup: Setup, judged: Judged) -> tuple[str, str]:
         f"{share * uncertain.median[worst]:.2g} % with 50 %, {share * uncertain.calibration[worst]:.2g} % by sensors "
         "and masses as far as the identification did not calibrate them"
     )
-    if uncertain.turning is not None:
-        told += f", {share * uncertain.turning[worst]:.2g} % because the specimen's base turns"
+    if uncertain.pitch is not None:
+        told += f", {share * uncertain.pitch[worst]:.2g} % by pitch of the specimen's base"
     if remedy is None:
         return told, ""
     channels = setup.rig.channels

@@ -63,8 +63,8 @@ def _figures(judged: Judged) -> dict[str, ArrayLike]:
     values |= _tangents(judged.tangents)
     if judged.true_error is not None:
         values |= {f"check.{name}_m_s2": getattr(judged.true_error, field) for name, field in TRUE_ERROR.items()}
-        if judged.true_error.turning is not None:
-            values["check.pitch_error_m_s2"] = judged.true_error.turning
+        if judged.true_error.pitch is not None:
+            values["check.pitch_error_m_s2"] = judged.true_error.pitch
     if judged.expected_m_s2 is not None:
         values["check.expected_error_m_s2"] = judged.expected_m_s2
     if judged.simulated is not None:

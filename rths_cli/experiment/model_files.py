@@ -268,6 +268,7 @@ def key(setup: Setup) -> str:
         case.table.model_dump_json(exclude={"after_identification", "name"}),
         case.structure.experimental.model_dump_json(),
         case.structure.interface_experimental_mass_kg,
+        None if setup.building.heights_m is None else setup.building.heights_m.tolist(),
         case.identification.model_dump_json(),
         case.sample_rate_hz,
         laboratory_number(case),

@@ -96,7 +96,7 @@ def identify(
     declared, table = _identified(data, given)
     if not info.calibrates or not len(data.masses_kg):
         return _at_every_level(data, declared, table)
-    calibration, turning = _calibration(data, declared, table)
+    calibration, found_pitch = _calibration(data, declared, table)
     channels = calibrated(info.channels, calibration)
     corrected = [_recorrected(record, info.channels, channels, info.dt_s) for record in records]
     low = _recorrected(quiet, info.channels, channels, info.dt_s) if quiet else None
@@ -104,7 +104,8 @@ def identify(
     data = evidence(corrected, low, there, data.masses_kg * calibration.mass, settings)
     found, table = _identified(data, given)
     found = replace(_at_every_level(data, found, table), calibration=calibration)
-    return found if found.nonlinear else replace(found, pitch=turning)  # storeys that bend or rub couple modes as well
+    linear = quiet is not None and found.nonlinear is None
+    return replace(found, pitch=found_pitch) if linear else found  # storeys that bend or rub couple modes as well
 
 
 def _at_every_level(data: Evidence, found: Identification, table: _Table) -> Identification:
@@ -120,8 +121,8 @@ def _recorrected(record: Record, before: tuple[Channel, ...], after: tuple[Chann
 
 
 def _calibration(data: Evidence, declared: Identification, table: _Table) -> tuple[Calibration, Pitch | None]:
-    """Return the sensors and masses that the records show, from an identification with those that are declared, and how
-    the specimen's base turns."""
+    """Return the sensors and masses that the records show, from an identification with those that are declared, and
+    the pitch of the specimen's base."""
     assert declared.specimen is not None
     start = Start(declared.specimen.stiffness_n_per_m, declared.specimen.damping_ratio)
     error = float("inf") if table.given else _ripple_error(data, table, declared.friction)
@@ -129,11 +130,11 @@ def _calibration(data: Evidence, declared: Identification, table: _Table) -> tup
     seen, low_hz = identify_specimen.motions(data, declared.best, free=False), identify_specimen.lowest_hz(data, start)
     chain = fitted(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
     heights = data.settings.heights_m
-    turning = pitch(chain, None if heights is None else np.array(heights))
+    found_pitch = pitch(chain, None if heights is None else np.array(heights))
     first_hz = float(declared.specimen.natural_frequency_hz[0])
     moved = [_without_staircase(record, declared.best) for record in data.records]  # no displacement sensor shows it
     seen_beside = observations(moved, data.info, data.masses_kg, low_hz, first_hz)
-    return with_scale(chain.calibration, seen_beside, len(data.info.further)), turning
+    return with_scale(chain.calibration, seen_beside, len(data.info.further)), found_pitch
 
 
 def _without_staircase(record: Record, model: Model) -> Record:

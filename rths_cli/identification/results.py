@@ -13,7 +13,7 @@ from rths_cli.structure.storey_laws import ElasticGap, Law, Laws, arranged
 from rths_cli.structure.storey_laws import Friction as Joint
 
 MOST_UNEXPLAINED = 2.0  # rms of what a session's change of sensors leaves, in units of the noise at rest
-PITCH_SIGMA = 3.0  # standard uncertainties from which a base is said to turn
+PITCH_SIGMA = 3.0  # standard uncertainties from which pitch is seen
 LEAST_HELD_OUT = 0.5  # of the low-level record's power: what friction must remove to be countered
 NO_LINES = "the model holds no lines of it, or no specimen"  # of the record at low level
 
@@ -201,7 +201,7 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Pitch:
-    """How the base of the specimen turns (pitch.py): the motion of the top floor by it per N on that floor.
+    """Pitch of the specimen's base (pitch.py): the motion of the top floor by it per N on that floor.
 
     `stiffness_ratio` (n,): stiffnesses of the storeys on a rigid base over those of the specimen as identified.
     """
@@ -212,7 +212,7 @@ class Pitch:
 
     @property
     def seen(self) -> bool:
-        """Return whether the base turns more than its uncertainty explains."""
+        """Return whether there is more pitch than its uncertainty explains."""
         return self.flexibility_m_per_n > PITCH_SIGMA * self.error_m_per_n
 
 
@@ -358,7 +358,7 @@ class Identification:
     low_level_lines: LowLevelLines | None = None  # of that record; None: there is none, or no specimen
     low_level: SpecimenFit | None = None  # the specimen from that record alone; None: not known
     nonlinear: NonlinearSpecimen | None = None  # the specimen at every level; None: linear, or not known
-    pitch: Pitch | None = None  # how the specimen's base turns; None: not known
+    pitch: Pitch | None = None  # of the specimen's base; None: not known
     session: SessionChange | None = None  # what `calibration` and `best` hold of a later session; None: nothing
     # equally likely identifications, without samples themselves; (): the model's uncertainty is not known as a whole
     samples: tuple[Identification, ...] = ()

@@ -54,6 +54,7 @@ TOLERANCE = 1e-8
 SHOWN = 10.0  # information of a stretch, in units of the prior's, from which it shows a parameter better
 # standard uncertainties of damping and stiffness that couple two modes of the chain, over the root of their own
 COUPLED_DAMPING, COUPLED_STIFFNESS = 0.3, 0.01
+ORDER = 4  # of the series for damping that couples modes
 AT_ONCE = 16  # slopes that are projected together
 LEAST_SIZE = 1e-9  # of a residual, relative to the floors' motion
 
@@ -81,6 +82,11 @@ class Priors:
         pairs = len(self.mass) * (len(self.mass) - 1) // 2
         couplings = np.repeat([COUPLED_DAMPING, COUPLED_STIFFNESS], pairs)
         return np.concatenate([self.gain, self.coupling, self.late_s, self.mass, [self.ripple_m_s2_per_v], couplings])
+
+    @property
+    def none_exact(self) -> bool:
+        """Return whether no sensor and no mass is taken as exactly what it is declared to be."""
+        return all(bool(sizes.all()) for sizes in (self.gain, self.coupling, self.late_s, self.mass))
 
 
 def as_stated(priors: Priors) -> Calibration:
@@ -332,23 +338,35 @@ class Problem:
         elif parameter > 3 * c + n:
             one = np.zeros(len(coupled))
             one[parameter - 3 * c - n - 1] = size
-            taken = -self._by_damping(moved, masses_kg, theta, one)
+            taken = -self._by_damping(moved, masses_kg, theta, coupled, one)
         if coupled.any() and table.any():
             taken = -self._by_damping(replace(moved, table=table), masses_kg, theta, coupled)
         return table, taken, logs
 
-    def _by_damping(self, lines: Lines, masses_kg: Array, theta: Array, coupled: Array) -> ComplexArray:
-        """Return what damping that couples modes adds to the floors' lines (n, m), to first order.
+    def _by_damping(
+        self, lines: Lines, masses_kg: Array, theta: Array, coupled: Array, change: Array | None = None
+    ) -> ComplexArray:
+        """Return what damping that couples modes adds to the floors' lines (n, m); with a `change` (k,) of `coupled`
+        the slope of that along the change.
 
         `coupled` (k,): of each pair of modes over the root of the product of their own. Friction in joints and guides
-        does not respect modes: what it adds lags, and would be taken for the lag of a sensor.
+        does not respect modes: what it adds lags, and would be taken for the lag of a sensor. The motion of the coupled
+        modes is a Neumann series of ORDER terms: a damping matrix that adds no energy couples by less than one, and
+        only one mode of a pair is in resonance.
         """
         omega, shapes = modes_with(masses_kg, theta, self.beside)
         s, own = lines.s, (2.0 * np.exp(theta[len(omega) : 2 * len(omega)]) * omega)[:, None]
-        under = 1.0 / (s**2 + own * s + (omega**2)[:, None])
-        moved = -(masses_kg @ shapes)[:, None] * under * lines.table  # modal displacements relative to the table
-        forces = s * ((_symmetric(coupled, len(omega)) * np.sqrt(own * own.T)) @ moved)
-        return np.asarray(-shapes @ (s**2 * under * forces))
+        under, root = 1.0 / (s**2 + own * s + (omega**2)[:, None]), np.sqrt(own * own.T)
+        by_rate = -s * under
+        alone = -(masses_kg @ shapes)[:, None] * under * lines.table  # modal displacements relative to the table
+        damping = _symmetric(coupled, len(omega)) * root
+        other = None if change is None else _symmetric(change, len(omega)) * root
+        moved, slope = alone, np.zeros_like(alone)
+        for _ in range(ORDER):
+            if other is not None:
+                slope = by_rate * (other @ moved + damping @ slope)
+            moved = alone + by_rate * (damping @ moved)
+        return np.asarray(shapes @ (s**2 * (moved - alone if other is None else slope)))
 
     def _by_damping_of_another_chain(self, lines: Lines, masses_kg: Array, theta: Array, coupled: Array) -> Array:
         """Return the slopes (2 n + k, 2 n m) of a residual by what `_by_damping` takes off the floors' lines.

@@ -302,10 +302,11 @@ def _of_check() -> Iterator[Quantity]:
         ("true_error", "true RMS error that is as likely exceeded as not"),
         ("true_error_bound", "true RMS error that is not exceeded with 95 %"),
         ("calibration_error", "part of the true RMS error by sensors and masses, root mean square"),
-        ("pitch_error", "part of the true RMS error because the specimen's base turns, where that is seen"),
     ):
         about = f"{text}, by the uncertainty of the calibration, against SIM with the specimen as it is"
         yield Quantity(f"check.{name}_m_s2", ACCEL, "storey", NONE, about, (), BAND, scales_as=ACCEL)
+    about = "part of the true RMS error by pitch of the specimen's base, where the identification sees it"
+    yield Quantity("check.pitch_error_m_s2", ACCEL, "storey", NONE, about, (), BAND, scales_as=ACCEL)
     about = (
         "RMS error of EXP-RTHS that the sensors will show: predicted by all causes together, and SIM of the building "
     )

@@ -25,7 +25,8 @@ GROUPS = {
     "friction": "Dry friction of the table, as the change of the command that it is worth.",
     "latency": "Delay from command to table: converter, hold and transport.",
     "calibration": "Sensors and weighed masses relative to what is declared, as the records show them.",
-    "pitch": "How the base of the specimen turns, where storeys do not bend or rub.",
+    "pitch": "Pitch of the specimen's base; only where no sensor or mass is declared exact and a record at low level "
+    "shows that storeys do not bend or rub.",
     "level_causes": "What makes the responses at low and at full level differ.",
     "low_level": "The record at low level, with which a later verification is compared.",
     "low_level_lines": "Lines of that record, by a Hann window over all of it, for the record of a session.",
@@ -179,7 +180,7 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ),
         ),
         "pitch": (
-            ("flexibility_m_per_n", "m/N", (), "motion of the top floor, by turning of the base, per force on it"),
+            ("flexibility_m_per_n", "m/N", (), "motion of the top floor by pitch of the base per force on it"),
             ("error_m_per_n", "m/N", (), f"{unsure} it"),
             ("stiffness_ratio", "1", FLOORS, "storey stiffnesses on a rigid base over the identified ones"),
         ),

@@ -37,7 +37,7 @@ def as_document(found: Identification, about: About) -> dict[str, Any]:
         "levels": [_level(band) for band in found.levels],
         "friction": _friction(found),
         "latency": asdict(found.latency) if found.latency else None,
-        "pitch": asdict(found.pitch) if found.pitch else None,
+        "pitch": asdict(found.pitch) | {"seen": found.pitch.seen} if found.pitch else None,
     }
     return {key: _plain(value) for key, value in document.items()}
 

@@ -134,25 +134,25 @@ def specimen_lines(found: Identification) -> list[str]:
         labelled("specimen", about),
         *aligned(_rows(found, known, floors)),
         labelled("", storeys),
-        *_turning(found),
+        *_pitch(found),
         "",
         labelled("mode shapes", "largest floor 1" + _difference(found.specimen, found.free_vibration)),
         *_shapes(known, floors),
     ]
 
 
-def _turning(found: Identification) -> list[str]:
-    """Return the line on a base that turns, none where that is not seen."""
-    turns, fit = found.pitch, found.specimen
-    if turns is None or fit is None or not turns.seen:
+def _pitch(found: Identification) -> list[str]:
+    """Return the line on the pitch of the base, none where that is not seen."""
+    pitch, fit = found.pitch, found.specimen
+    if pitch is None or fit is None or not pitch.seen:
         return []
-    moved = with_uncertainty(turns.flexibility_m_per_n, turns.error_m_per_n, 1e6)
+    moved = with_uncertainty(pitch.flexibility_m_per_n, pitch.error_m_per_n, 1e6)
     energy = fit.stiffness_n_per_m * np.diff(fit.mode_shapes[:, 0], prepend=0.0) ** 2  # of the storeys in mode 1
-    higher = percent(float(np.sqrt(turns.stiffness_ratio @ energy / energy.sum())) - 1.0)
+    higher = percent(float(np.sqrt(pitch.stiffness_ratio @ energy / energy.sum())) - 1.0)
     return [
         labelled(
-            "base",
-            f"turns: by that the top floor moves {moved} um per N on it; on a rigid base mode 1 would be {higher} % "
+            "pitch",
+            f"1 N on the top floor moves it by {moved} um through the base; on a rigid base mode 1 would be {higher} % "
             "higher",
         )
     ]

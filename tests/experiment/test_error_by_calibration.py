@@ -72,10 +72,11 @@ def test_an_error_of_the_calibration_costs_what_is_expected(
     np.testing.assert_allclose(expected, np.sqrt(wrong**2 - right**2), rtol=within)
 
 
-def test_a_base_that_turns_is_seen_and_costs_what_is_expected(tmp_path: Path, memory: Memory) -> None:
-    """The rig's equations of motion hold the weight along the turned floors and the base's inertia, too."""
-    turns = ("table.imperfections.pitch.frequency_hz=30", "table.imperfections.pitch.storey_height_m=0.2")
-    setup = setup_of(*turns)
+def test_pitch_is_seen_and_costs_what_is_expected(tmp_path: Path, memory: Memory) -> None:
+    """The rig's equations of motion hold the weight along the pitched floors and the base's inertia, too."""
+    pitches = ("table.imperfections.pitch.frequency_hz=30", "table.imperfections.pitch.storey_height_m=0.2")
+    uncertain = ("table.sensors.sensitivity_uncertainty=0.01", "table.uncertainty.mass=0.003")
+    setup = setup_of(*pitches, *uncertain)
     found = memory.identify(setup, lambda _: None)
     heights, masses = np.array([0.2, 0.4]), setup.building.specimen.masses_kg
     inertia = setup.case.table.imperfections.pitch.inertia_kg_m2 + masses @ heights**2

@@ -17,9 +17,10 @@ def rising(count):
     return np.arange(1.0, count + 1.0)
 
 
-def motion(count, rocking, heights, noise=1e-3, seed=5, ties=0.0):
-    """Return what a table in 400 sines and its floors show: floors of a chain whose base turns so that the top floor
-    moves by `rocking` m per N on it. `ties` in N/m is a spring from the table to the top floor."""
+def motion(count, rocking, heights, noise=1e-3, seed=5, ties=0.0, dashpots=0.0):
+    """Return what a table in 400 sines and its floors show: floors of a chain whose base pitches so that the top floor
+    moves by `rocking` m per N on it. `ties` in N/m is a spring from the table to the top floor, `dashpots` (n,) in
+    N s/m stand beside damping that is proportional to the stiffness."""
     random = np.random.default_rng(seed)
     hz = np.sort(random.uniform(0.4, 16.0, 400))
     s = 2j * np.pi * hz
@@ -27,7 +28,7 @@ def motion(count, rocking, heights, noise=1e-3, seed=5, ties=0.0):
     drifts = np.eye(count) - np.eye(count, k=-1)
     M, K = np.diag(MASSES[count]), drifts.T @ np.diag(STIFFNESS[count]) @ drifts
     K[-1, -1] += ties
-    C = 0.003 * K
+    C = 0.003 * K + drifts.T @ np.diag(np.broadcast_to(dashpots, count)) @ drifts
     up = np.asarray(heights) / heights[-1]
     K = np.linalg.inv(np.linalg.inv(K) + rocking * np.outer(up, up))
     ones = M @ np.ones(count)
@@ -43,8 +44,8 @@ def turning(seen, heights=None, gain=0.01, mass=0.003):
     count = len(seen.floors)
     channels = rig_info().channels[:1] * (count + 1)
     start = Start(1.02 * np.array(STIFFNESS[count]), np.full(count, 0.04))
-    none = np.zeros(count + 1)
-    priors = Priors(np.full(count + 1, gain), none, none, np.full(count, mass))
+    every = np.ones(count + 1)
+    priors = Priors(gain * every, 1e-3 * every, 1e-6 * every, np.full(count, mass))
     return pitch(fitted([seen], DT_S, np.array(MASSES[count]), channels, 0.5, start, priors), heights)
 
 
@@ -53,7 +54,7 @@ def turning(seen, heights=None, gain=0.01, mass=0.003):
 def test_a_base_that_turns_is_found_with_the_storeys_on_a_rigid_one(count, rocking):
     seen = motion(count, rocking, rising(count), noise=1e-4)
     found = turning(seen)
-    assert found.seen and found.flexibility_m_per_n == pytest.approx(rocking, rel=0.1)
+    assert found.seen and found.flexibility_m_per_n == pytest.approx(rocking, rel=0.15)
     assert abs(found.flexibility_m_per_n - rocking) < 2.0 * found.error_m_per_n
     channels = rig_info().channels[:1] * (count + 1)
     start = Start(np.array(STIFFNESS[count]), np.full(count, 0.04))
@@ -61,7 +62,7 @@ def test_a_base_that_turns_is_found_with_the_storeys_on_a_rigid_one(count, rocki
     chain = fitted([seen], DT_S, np.array(MASSES[count]), channels, 0.5, start, Priors(none, none, none, none[1:]))
     changed = np.abs(chain.stiffness_n_per_m / STIFFNESS[count] - 1.0).max()
     rigid = np.abs(chain.stiffness_n_per_m * found.stiffness_ratio / STIFFNESS[count] - 1.0).max()
-    assert rigid < 0.1 * changed
+    assert rigid < 0.2 * changed
 
 
 def test_stated_heights_count():
@@ -88,6 +89,19 @@ def test_a_rigid_base_is_not_said_to_turn():
 def test_another_stiffness_that_couples_modes_is_not_taken_for_a_base():
     """A spring from the table to the top floor stiffens, a base that turns only softens."""
     assert not turning(motion(3, 0.0, rising(3), ties=40.0)).seen
+
+
+@pytest.mark.parametrize("dashpots", [(20.0, 0.0), (0.0, 20.0), (60.0, 0.0)])
+def test_unequal_dampers_are_not_taken_for_a_base_or_masses(dashpots):
+    seen = motion(2, 0.0, rising(2), noise=1e-4, dashpots=dashpots)
+    assert not turning(seen).seen
+    both = motion(2, 2e-6, rising(2), noise=1e-4, dashpots=dashpots)
+    assert turning(both).flexibility_m_per_n == pytest.approx(2e-6, rel=0.15)
+
+
+def test_sensors_or_masses_taken_as_exact_leave_no_statement():
+    seen = motion(2, 2e-6, rising(2))
+    assert turning(seen, gain=0.0) is None and turning(seen, mass=0.0) is None
 
 
 def test_one_floor_shows_no_base():

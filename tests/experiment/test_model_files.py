@@ -361,6 +361,7 @@ def test_fresh_excites_and_keeps_what_it_found(cache_folder: Path, default_setup
         "structure.experimental.masses_kg=[6.91, 6.96]",
         "structure.experimental.damping_ratios=[0.043, 0.04]",
         "structure.interface_experimental_mass_kg=0.5",
+        "structure.heights_m=[0.2, 0.2, 0.3]",
         "sample_rate_hz=4000",
         "test_band_hz=13",
     ],

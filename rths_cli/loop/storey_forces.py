@@ -16,9 +16,21 @@ from rths_cli.control.interface import Interface
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.loop.modal_substructure import modal_arrays
 from rths_cli.loop.parts import Room
-from rths_cli.numerics.compiled import part, part_class
+from rths_cli.numerics.compiled import borrowed, fused_part, part, part_class, shared_part
 from rths_cli.numerics.lti import Array, Integers
 from rths_cli.numerics.power_curves import TERMS, on_curve, power_curve
+from rths_cli.numerics.tabulated_functions import (
+    COLUMNS,
+    FROM,
+    FUNCTIONS,
+    ROWS,
+    SCALE,
+    TO,
+    bell,
+    piece_of,
+    read_four,
+    table_of,
+)
 from rths_cli.numerics.tiled_products import product, tiled
 from rths_cli.numerics.user_functions import call_force
 from rths_cli.structure.storey_laws import (
@@ -37,38 +49,43 @@ from rths_cli.structure.storey_laws import (
     Laws,
 )
 
-REMEMBERED = 2 * OWN_STATES  # numbers of a law
+REMEMBERED = 32  # numbers of a law: at least 2 OWN_STATES
 ROUNDS = 10  # of secants for a user's own law whose force depends on the rate
 MOST_PIECES = 8  # of a sample's drift, in each of which a hysteresis turns by at most half of its yield drift
 CORNERS = 6  # of Clough's law that a drift of one sample may pass
 SMALL = 1e-12  # share of the yield drift, below which abs(y)^n counts for nothing beside one
+NOTHING = 1e-7  # what a power may come to, times the fourth power of its relative change, to leave no error
+SHORT = 0.05  # of a width of pinching that y may go in one step; of 1 + rate e that e may change `rate` times
+MOST_ENERGY = 1e3  # dissipated, over k u_y^2, up to which degradation is tabulated; equations are evaluated beyond
+PINCHES, REACH = ROWS + 1, ROWS + 2  # places in the first row of a table of degradation: zeta_s, and `begins`
+SIDE, SLOPE, BEND, NARROW, MOST, WAY, AHEAD, E_AHEAD, POWER, OFF, BESIDE = range(
+    3, 14
+)  # of the memory of a law that degrades
+STRENGTH, PINCHING = 16, 24  # the same: what its table says, values and slopes of four functions each
 PER_LIMIT = NUMBERS - 1  # place of one over Bouc and Wen's yield drift, in 1/m
 BACKBONE, UNLOADING, RELOADING = 1.0, 2.0, 3.0
 
 
 @part
-def hysteresis(numbers: Array, curve: Array, memory: Array, u: float) -> float:
-    """Follow the drift to u with Bouc and Wen's law, in pieces, each a step of order four; return the force."""
-    limit = numbers[1]
+def hysteresis(numbers: Array, curve: Array, table: Array, memory: Array, u: float) -> float:
+    """Follow the drift to u with Bouc and Wen's law, in pieces, each a step of order four; return the force.
+
+    Memory: y, e, the drift; of a law that degrades also what `begins` states.
+    """
+    if table[0, ROWS] > 0.0:
+        begins(numbers, curve, table, memory, u)
+        looks_up(numbers, curve, table, memory)
+        return ends(numbers, table, memory)
     way = (u - memory[2]) * numbers[PER_LIMIT]
     pieces = min(MOST_PIECES, 1 + int(2.0 * abs(way) * (1.0 + numbers[3])))
-    h = way if pieces == 1 else way / pieces
+    h = abs(way) if pieces == 1 else abs(way) / pieces
     memory[2] = u
-    if numbers[6] == 0.0 and numbers[7] == 0.0 and numbers[8] == 0.0 and numbers[9] == 0.0:  # e changes nothing
-        side = math.copysign(1.0, way)
-        y = side * memory[0]
-        for _ in range(pieces):
-            y = undegraded(numbers, curve, y, abs(h))
-        memory[0] = side * y
-        return numbers[0] * (memory[0] * limit - u)
+    side = math.copysign(1.0, way)
+    y = side * memory[0]
     for _ in range(pieces):
-        y1, e1 = bent(numbers, curve, memory[0], memory[1], h)
-        y2, e2 = bent(numbers, curve, memory[0] + 0.5 * y1, memory[1] + 0.5 * e1, h)
-        y3, e3 = bent(numbers, curve, memory[0] + 0.5 * y2, memory[1] + 0.5 * e2, h)
-        y4, e4 = bent(numbers, curve, memory[0] + y3, memory[1] + e3, h)
-        memory[0] += (y1 + 2.0 * y2 + 2.0 * y3 + y4) / 6.0
-        memory[1] += (e1 + 2.0 * e2 + 2.0 * e3 + e4) / 6.0
-    return numbers[0] * (memory[0] * limit - u)
+        y = undegraded(numbers, curve, y, h)
+    memory[0] = side * y
+    return numbers[0] * (memory[0] * numbers[1] - u)
 
 
 @part
@@ -78,9 +95,11 @@ def undegraded(numbers: Array, curve: Array, y: float, way: float) -> float:
     y is positive where the drift goes. Taylor's series of order four takes one power: all derivatives follow from
     w = 1 - dy/dway, which is a power of y. Where they are large, near y = 0, a Runge-Kutta step takes four powers.
     """
-    n, w = numbers[3], bends(numbers, curve, y)
+    n, size = numbers[3], abs(y)
+    power = size * (1.0 if n == 1.0 else size if n == 2.0 else on_curve(curve, size))
+    w = (numbers[5] + math.copysign(numbers[4], y)) * power
     f = 1.0 - w
-    if 3.0 * n * way * max(1.0, f) < abs(y):
+    if expands(n * way * max(1.0, f), size, (abs(numbers[5]) + numbers[4]) * power):
         k = way / y
         first, more = n * w * f, (n - 1.0) * f - n * w  # dw/dway = first / y, d2w/dway2 = first more / y^2
         last = more * (more - f) - (2.0 * n - 1.0) * first
@@ -90,6 +109,125 @@ def undegraded(numbers: Array, curve: Array, y: float, way: float) -> float:
     y3 = way * (1.0 - bends(numbers, curve, y + 0.5 * y2))
     y4 = way * (1.0 - bends(numbers, curve, y + y3))
     return y + (y1 + 2.0 * y2 + 2.0 * y3 + y4) * (1.0 / 6.0)
+
+
+@part
+def expands(far: float, size: float, most: float) -> bool:
+    """Return whether a power c abs(y)^n, at most `most` at abs(y) = `size`, has a short series where y goes far / n.
+
+    With m = far / size, its fifth term is below most exp(m) m^4 / 120 of the way. The series is short for m < 1/3, as
+    it ever was; and for m < 4 where this is below 5e-8: with a large n far below yielding, where the power is nothing.
+    """
+    ratio, fourth = far * far, size * size
+    return 3.0 * far < size or (far < 4.0 * size and most * ratio * ratio < NOTHING * fourth * fourth)
+
+
+@fused_part
+def begins(numbers: Array, curve: Array, table: Array, memory: Array, u: float) -> None:
+    """Follow the drift to u with a law that degrades: predict y and e there, where no kink is on the way.
+
+    With f = dy/ds, s the way over the yield drift, y is positive where the drift goes, and y at the end, without ', is
+    y' + h/2 (f + f') + h^2/12 (df/ds - df'/ds) from the start (y', f'), of order four (Hermite): `ends` solves it by
+    one step of Newton's from the prediction y' + h f' + h^2/2 df'/ds. So a step takes one evaluation of the equations,
+    at the prediction, where Runge and Kutta's takes four; its error is h^5/720 of the fourth derivative of f, where
+    theirs is h^5/2880 of it and more. Where pinching is narrow, that is below h/60 times the fourth power of h over the
+    width, 1e-7 h here; else, at kinks and beyond the table, the step is Runge and Kutta's.
+    Memory: the side of f, f and df/ds at this point; one over the width of pinching; what `expands` takes; h (negative
+    where nothing is left to do) and the prediction of y and e; what the table says.
+    """
+    way = (u - memory[2]) * numbers[PER_LIMIT]
+    h, side, e, c = abs(way), math.copysign(1.0, way), memory[1], 1.0 - numbers[2]
+    y, f, bend = side * memory[0], memory[SLOPE], memory[BEND]
+    memory[2] = u
+    far = h * max(1.0, f)
+    ahead = y + h * (f + 0.5 * h * bend)
+    e_ahead = e + c * h * (y + h * (0.5 * f + (1.0 / 6.0) * h * bend))
+    short = (far * memory[NARROW] < SHORT) & (2.0 * h * (1.0 + numbers[3]) < 1.0)
+    inside = (table[0, FROM] <= e_ahead) & (e_ahead <= table[0, TO])
+    slow = table[0, SCALE] * abs(e_ahead - e) < SHORT * (1.0 + table[0, SCALE] * e)
+    smooth = table[0, REACH] * far < abs(y) or expands(numbers[3] * far, abs(y), memory[MOST])
+    if memory[SIDE] == side and short and inside and slow and smooth:
+        memory[WAY], memory[AHEAD], memory[E_AHEAD] = h, ahead, e_ahead
+    else:
+        memory[WAY] = -1.0
+        with_kinks(numbers, curve, table, memory, way)
+
+
+@fused_part
+def looks_up(numbers: Array, curve: Array, table: Array, memory: Array) -> None:
+    """Look up the power of the predicted y, what the predicted e makes of the law, and the bell of pinching."""
+    y, e = memory[AHEAD], memory[E_AHEAD]
+    n, size = numbers[3], abs(y)
+    memory[POWER] = 1.0 if n == 1.0 else size if n == 2.0 else on_curve(curve, size)
+    piece = piece_of(table, e)
+    read_four(table, piece, e, 0, memory, STRENGTH)
+    if table[0, PINCHES] > 0.0:
+        read_four(table, piece, e, 4, memory, PINCHING)
+        memory[OFF] = y * memory[PINCHING + 1] - memory[PINCHING + 2]
+        memory[BESIDE] = bell(memory[OFF])
+
+
+@fused_part
+def ends(numbers: Array, table: Array, memory: Array) -> float:
+    """Correct the prediction and return the force; a parabola from start to end has a quarter of its end's change."""
+    h = memory[WAY]
+    if h >= 0.0:
+        f, bend = memory[SLOPE], memory[BEND]
+        f_ahead, bend_ahead, f_y = slope_of(numbers, table, memory)
+        x = 0.5 * h * f_y
+        lacks = h * (0.5 * (f_ahead - f) - (1.0 / 12.0) * h * (5.0 * bend + bend_ahead)) * (1.0 + x * (1.0 + x))
+        memory[0] = memory[SIDE] * (memory[AHEAD] + lacks)
+        memory[1] = memory[E_AHEAD] + 0.25 * h * (1.0 - numbers[2]) * lacks
+        memory[SLOPE] = f_ahead + f_y * lacks
+        memory[BEND] = bend_ahead
+    return numbers[0] * (memory[0] * numbers[1] - memory[2])
+
+
+@shared_part
+def with_kinks(numbers: Array, curve: Array, table: Array, memory: Array, whole: float) -> None:
+    """Go a whole way, over the yield drift, with a law that degrades, by Runge and Kutta's method."""
+    numbers, curve, table, memory = borrowed((numbers, curve, table, memory))
+    pieces = min(MOST_PIECES, 1 + int(2.0 * abs(whole) * (1.0 + numbers[3])))
+    way = whole / pieces
+    for _ in range(pieces):
+        y, e = memory[0], memory[1]
+        y1, e1 = bent(numbers, curve, y, e, way)
+        y2, e2 = bent(numbers, curve, y + 0.5 * y1, e + 0.5 * e1, way)
+        y3, e3 = bent(numbers, curve, y + 0.5 * y2, e + 0.5 * e2, way)
+        y4, e4 = bent(numbers, curve, y + y3, e + e3, way)
+        memory[0] = y + (y1 + 2.0 * y2 + 2.0 * y3 + y4) / 6.0
+        memory[1] = e + (e1 + 2.0 * e2 + 2.0 * e3 + e4) / 6.0
+    memory[SIDE] = 0.0
+    if table[0, FROM] <= memory[1] and memory[1] <= table[0, TO]:
+        side = math.copysign(1.0, way)
+        memory[AHEAD], memory[E_AHEAD] = side * memory[0], memory[1]
+        looks_up(numbers, curve, table, memory)
+        memory[SLOPE], memory[BEND], _ = slope_of(numbers, table, memory)
+        memory[SIDE] = side
+
+
+@fused_part
+def slope_of(numbers: Array, table: Array, memory: Array) -> tuple[float, float, float]:
+    """Return f = dy/ds, df/ds and the derivative of f over y at the prediction, from what was looked up: A / eta and
+    nu / eta; zeta1, 1 / zeta2 and q y_u / zeta2; each with its slope."""
+    y, n, power = memory[AHEAD], numbers[3], memory[POWER]
+    size = abs(y)
+    turns = (numbers[5] + math.copysign(numbers[4], y)) * power
+    w, per_eta = turns * size, memory[STRENGTH + 1]
+    memory[MOST] = per_eta * (abs(numbers[5]) + numbers[4]) * power * size
+    f = memory[STRENGTH] - per_eta * w
+    f_e = memory[STRENGTH + 4] - memory[STRENGTH + 5] * w
+    f_y = -(per_eta * n) * math.copysign(turns, turns * y)
+    if numbers[9] > 0.0:
+        narrow, beside = memory[PINCHING + 1], memory[BESIDE]
+        lost = memory[PINCHING] * beside
+        steep = 2.0 * memory[OFF] * lost
+        lost_e = memory[PINCHING + 4] * beside - steep * (y * memory[PINCHING + 5] - memory[PINCHING + 6])
+        f_y = f_y * (1.0 - lost) + f * (steep * narrow)
+        f_e = f_e * (1.0 - lost) - f * lost_e
+        f = f * (1.0 - lost)
+        memory[NARROW] = abs(narrow)
+    return f, f_y * f + f_e * (table[0, SCALE] * (1.0 - numbers[2]) * y), f_y
 
 
 @part
@@ -114,7 +252,8 @@ def bent(numbers: Array, curve: Array, y: float, e: float, way: float) -> tuple[
         bound = nu * (beta + gamma)
         strength = 1.0 / bound if n == 1.0 else 1.0 / math.sqrt(bound) if n == 2.0 else bound ** (-1.0 / n)
         off = (math.copysign(1.0, way) * y - numbers[11] * strength) / width
-        change *= 1.0 - zeta * math.exp(-off * off)
+        if zeta != 0.0:  # with lambda = 0 there is no width either
+            change *= 1.0 - zeta * math.exp(-off * off)
     return change, (1.0 - numbers[2]) * y * way
 
 
@@ -198,6 +337,7 @@ def law_force(
     address: int,
     numbers: Array,
     curve: Array,
+    table: Array,
     memory: Array,
     u: float,
     rate: float,
@@ -214,7 +354,7 @@ def law_force(
         memory[0] = min(max(memory[0], u - limit), u + limit)
         return -k * memory[0]
     if code == BOUC_WEN:
-        return hysteresis(numbers, curve, memory, u)
+        return hysteresis(numbers, curve, table, memory, u)
     if code == CLOUGH:
         return clough(numbers, memory, u)
     if code == GAP:
@@ -232,10 +372,10 @@ def law_force(
     return on_curve(curve, rate + gives * before)
 
 
-def of_the_step(laws: Laws, gives: Array, dt_s: float) -> tuple[Array, Array]:
-    """Return the laws' numbers (l, NUMBERS) and curves (l, pieces, 8) as `law_force` takes them: what is the same at
-    each step is computed here, once. `gives` (l,) in m/s per N."""
-    numbers, curves = laws.numbers.copy(), {}
+def of_the_step(laws: Laws, gives: Array, dt_s: float) -> tuple[Array, Array, Array]:
+    """Return the laws' numbers (l, NUMBERS), curves (l, pieces, 8) and tables (l, pieces, columns) as `law_force` takes
+    them: what is the same at each step is computed here, once. `gives` (l,) in m/s per N."""
+    numbers, curves, tables = laws.numbers.copy(), {}, {}
     for i in np.flatnonzero(laws.code == MAXWELL):
         stiffness, dashpot = laws.numbers[i, :2]
         lost = -math.expm1(-dt_s * stiffness / dashpot)  # share of its force that a damper loses from step to step
@@ -245,13 +385,47 @@ def of_the_step(laws: Laws, gives: Array, dt_s: float) -> tuple[Array, Array]:
         numbers[i, PER_LIMIT] = 1.0 / limit
         if n not in (1.0, 2.0):
             curves[i] = power_curve(1.0, n - 1.0, SMALL, 0.0)
+        if laws.numbers[i, 6:10].any():
+            tables[i] = degradation(laws.numbers[i])
     for i in np.flatnonzero(laws.code == VISCOUS):
         c, power, knee = map(float, laws.numbers[i, :3])
         curves[i] = power_curve(c, power, knee, float(gives[i]))
-    together = np.zeros((len(numbers), max(map(len, curves.values()), default=0), TERMS + 1))
-    for i, curve in curves.items():
-        together[i, : len(curve)] = curve
-    return numbers, together
+    return numbers, _together(len(numbers), curves, TERMS + 1), _together(len(numbers), tables, TERMS * COLUMNS)
+
+
+def _together(count: int, of_laws: dict[int, Array], columns: int) -> Array:
+    """Return arrays of some of the laws as one, zero where a law has none."""
+    together = np.zeros((count, max(map(len, of_laws.values()), default=1), columns))
+    for i, one in of_laws.items():
+        together[i, : len(one)] = one
+    return together
+
+
+def degradation(numbers: Array) -> Array:
+    """Return the table over e of what `slope_of` looks up, for Bouc and Wen's law of these numbers.
+
+    Pieces grow with 1 + rate e, where `rate` is that of the fastest change: each function is a rational one or a power
+    of 1 + delta e, or exp(-p e), or one over lambda + zeta1, whose change at rest is p zeta_s / lambda.
+    """
+    n, strength = numbers[3], numbers[4] + numbers[5]
+    delta_a, delta_nu, delta_eta, zeta_s, p, q, psi, delta_psi, lambda_ = numbers[6:15]
+
+    def of_energy(e: Array) -> Array:
+        found = np.zeros((FUNCTIONS, len(e)))
+        nu, eta = 1.0 + delta_nu * e, 1.0 + delta_eta * e
+        found[0], found[1] = (1.0 - delta_a * e) / eta, nu / eta
+        if zeta_s > 0.0:
+            zeta = -zeta_s * np.expm1(-p * e)
+            found[4], found[5] = zeta, 1.0 / ((psi + delta_psi * e) * (lambda_ + zeta))
+            found[6] = q * (nu * strength) ** (-1.0 / n) * found[5]
+        return found
+
+    rates = [1e-6, delta_a, delta_nu, delta_eta]
+    if zeta_s > 0.0:
+        rates += [p * (1.0 + zeta_s / max(lambda_, 1e-3)), delta_psi / psi]
+    table = table_of(of_energy, max(rates), MOST_ENERGY)
+    table[0, PINCHES], table[0, REACH] = zeta_s, 1.5 if n in (1.0, 2.0) else 3.0 * n
+    return table
 
 
 @part_class
@@ -275,6 +449,7 @@ class StoreysAndForces(NamedTuple):
     address: Integers  # (l,)
     numbers: Array  # (l, NUMBERS)
     curves: Array  # (l, pieces, 8) of dampers
+    tables: Array  # (l, pieces, columns) of degradation, of no rows where a law has none
     gives: Array  # (l,) fall of the drift's rate in m/s per N of the law
     memory: Array  # (l, REMEMBERED)
     forces: Array  # (l,) of each law at the last instant
@@ -291,12 +466,25 @@ class StoreysAndForces(NamedTuple):
         product(self.drifts, last + 1, columns, made)
         for j in range(q):
             logged[j] = 0.0
+        waiting = False
         for i in range(forces.size):
             at, code, address = self.which[i], self.code[i], self.address[i]
-            numbers, curve, memory = self.numbers[i], self.curves[i], self.memory[i]
+            numbers, curve, table, memory = self.numbers[i], self.curves[i], self.tables[i], self.memory[i]
             u, rate, gives, before = made[at], made[q + at], self.gives[i], forces[i]
-            forces[i] = law_force(code, address, numbers, curve, memory, u, rate, gives, before)
-            logged[at] += forces[i]
+            if code == BOUC_WEN and table[0, ROWS] > 0.0:
+                waiting = True
+                begins(numbers, curve, table, memory, u)
+            else:
+                forces[i] = law_force(code, address, numbers, curve, table, memory, u, rate, gives, before)
+                logged[at] += forces[i]
+        if waiting:  # all laws together: the numbers of one wait for each other, those of several do not
+            for i in range(forces.size):
+                if self.code[i] == BOUC_WEN and self.tables[i, 0, ROWS] > 0.0:
+                    looks_up(self.numbers[i], self.curves[i], self.tables[i], self.memory[i])
+            for i in range(forces.size):
+                if self.code[i] == BOUC_WEN and self.tables[i, 0, ROWS] > 0.0:
+                    forces[i] = ends(self.numbers[i], self.tables[i], self.memory[i])
+                    logged[self.which[i]] += forces[i]
         product(self.interface, last, self.columns, self.motion)
         accel[0] = self.motion[0]
 
@@ -324,7 +512,7 @@ def storeys_and_forces(design: StoreysWithLaws, interface: Interface, room: Room
     states, order = 2 * turn.shape[1], [0, *range(2, 2 + q), 1]  # ground acceleration, laws' forces, base shear
     which = np.searchsorted(np.array(design.storeys), laws.storey)
     gives = -through[3 + q + which, 2 + which]
-    numbers, curves = of_the_step(laws, gives, design.dt_s)
+    numbers, curves, tables = of_the_step(laws, gives, design.dt_s)
     whole = np.hstack([outputs.transpose(0, 2, 1).reshape(-1, states)[: 3 + 2 * q], through[:, order]])
     drifts, pushes = tiled(whole[3:]), tiled(drive.reshape(-1, states)[order].T)
     columns = room.take(states + q + 2)
@@ -343,6 +531,7 @@ def storeys_and_forces(design: StoreysWithLaws, interface: Interface, room: Room
         address=laws.address,
         numbers=numbers,
         curves=curves,
+        tables=tables,
         gives=gives,
         memory=room.take(len(laws.code), REMEMBERED),
         forces=room.take(len(laws.code)),

@@ -23,7 +23,6 @@ from rths_cli.numerics.tabulated_functions import (
     COLUMNS,
     FROM,
     FUNCTIONS,
-    ROWS,
     SCALE,
     TO,
     bell,
@@ -31,7 +30,7 @@ from rths_cli.numerics.tabulated_functions import (
     read_four,
     table_of,
 )
-from rths_cli.numerics.tiled_products import product, tiled
+from rths_cli.numerics.tiled_products import padded, product, tiled
 from rths_cli.numerics.user_functions import call_force
 from rths_cli.structure.storey_laws import (
     BILINEAR,
@@ -57,13 +56,14 @@ SMALL = 1e-12  # share of the yield drift, below which abs(y)^n counts for nothi
 NOTHING = 1e-7  # what a power may come to, times the fourth power of its relative change, to leave no error
 SHORT = 0.05  # of a width of pinching that y may go in one step; of 1 + rate e that e may change `rate` times
 MOST_ENERGY = 1e3  # dissipated, over k u_y^2, up to which degradation is tabulated; equations are evaluated beyond
-PINCHES, REACH = ROWS + 1, ROWS + 2  # places in the first row of a table of degradation: zeta_s, and `begins`
+PINCHES, REACH = COLUMNS, COLUMNS + 1  # places in the first row of a table of degradation: zeta_s, and `begins`
 SIDE, SLOPE, BEND, NARROW, MOST, WAY, AHEAD, E_AHEAD, POWER, OFF, BESIDE = range(
     3, 14
 )  # of the memory of a law that degrades
 STRENGTH, PINCHING = 16, 24  # the same: what its table says, values and slopes of four functions each
 PER_LIMIT = NUMBERS - 1  # place of one over Bouc and Wen's yield drift, in 1/m
 BACKBONE, UNLOADING, RELOADING = 1.0, 2.0, 3.0
+DEPENDING_ON_RATES = (VISCOUS, OWN)
 
 
 @part
@@ -72,7 +72,7 @@ def hysteresis(numbers: Array, curve: Array, table: Array, memory: Array, u: flo
 
     Memory: y, e, the drift; of a law that degrades also what `begins` states.
     """
-    if table[0, ROWS] > 0.0:
+    if table[0, SCALE] > 0.0:
         begins(numbers, curve, table, memory, u)
         looks_up(numbers, curve, table, memory)
         return ends(numbers, table, memory)
@@ -126,14 +126,14 @@ def expands(far: float, size: float, most: float) -> bool:
 def begins(numbers: Array, curve: Array, table: Array, memory: Array, u: float) -> None:
     """Follow the drift to u with a law that degrades: predict y and e there, where no kink is on the way.
 
-    With f = dy/ds, s the way over the yield drift, y is positive where the drift goes, and y at the end, without ', is
-    y' + h/2 (f + f') + h^2/12 (df/ds - df'/ds) from the start (y', f'), of order four (Hermite): `ends` solves it by
-    one step of Newton's from the prediction y' + h f' + h^2/2 df'/ds. So a step takes one evaluation of the equations,
-    at the prediction, where Runge and Kutta's takes four; its error is h^5/720 of the fourth derivative of f, where
-    theirs is h^5/2880 of it and more. Where pinching is narrow, that is below h/60 times the fourth power of h over the
-    width, 1e-7 h here; else, at kinks and beyond the table, the step is Runge and Kutta's.
-    Memory: the side of f, f and df/ds at this point; one over the width of pinching; what `expands` takes; h (negative
-    where nothing is left to do) and the prediction of y and e; what the table says.
+    With f = dy/ds, s the way over the yield drift, and y positive where the drift goes, a Hermite step of order four is
+    y_1 = y_0 + h/2 (f_0 + f_1) + h^2/12 (df/ds_0 - df/ds_1). It is solved by one step of Newton's method (`ends`) from
+    the prediction y_0 + h f_0 + h^2/2 df/ds_0, so that the equations are evaluated once, where Runge and Kutta's step
+    takes four evaluations. Its error is h^5/720 times the fourth derivative of f. That of a bell is at most 12 over the
+    fourth power of its width; with h below SHORT widths the error is below 1e-7 h. At kinks, where the way is longer
+    than that, and beyond the table the step is Runge and Kutta's.
+    Memory: side for which f holds, f and df/ds at this point; one over the width of pinching; what `expands` takes; h
+    (negative where nothing is left to do), y and e predicted, and what is looked up there.
     """
     way = (u - memory[2]) * numbers[PER_LIMIT]
     h, side, e, c = abs(way), math.copysign(1.0, way), memory[1], 1.0 - numbers[2]
@@ -375,19 +375,21 @@ def law_force(
 def of_the_step(laws: Laws, gives: Array, dt_s: float) -> tuple[Array, Array, Array]:
     """Return the laws' numbers (l, NUMBERS), curves (l, pieces, 8) and tables (l, pieces, columns) as `law_force` takes
     them: what is the same at each step is computed here, once. `gives` (l,) in m/s per N."""
-    numbers, curves, tables = laws.numbers.copy(), {}, {}
-    for i in np.flatnonzero(laws.code == MAXWELL):
+    numbers = laws.numbers.copy()
+    curves: dict[int, Array] = {}
+    tables: dict[int, Array] = {}
+    for i in np.flatnonzero(laws.code == MAXWELL).tolist():
         stiffness, dashpot = laws.numbers[i, :2]
         lost = -math.expm1(-dt_s * stiffness / dashpot)  # share of its force that a damper loses from step to step
         numbers[i, :2] = 1.0 - lost, lost * dashpot / dt_s
-    for i in np.flatnonzero(laws.code == BOUC_WEN):
+    for i in np.flatnonzero(laws.code == BOUC_WEN).tolist():
         limit, n = laws.numbers[i, 1], float(laws.numbers[i, 3])
         numbers[i, PER_LIMIT] = 1.0 / limit
         if n not in (1.0, 2.0):
             curves[i] = power_curve(1.0, n - 1.0, SMALL, 0.0)
         if laws.numbers[i, 6:10].any():
             tables[i] = degradation(laws.numbers[i])
-    for i in np.flatnonzero(laws.code == VISCOUS):
+    for i in np.flatnonzero(laws.code == VISCOUS).tolist():
         c, power, knee = map(float, laws.numbers[i, :3])
         curves[i] = power_curve(c, power, knee, float(gives[i]))
     return numbers, _together(len(numbers), curves, TERMS + 1), _together(len(numbers), tables, TERMS * COLUMNS)
@@ -437,19 +439,21 @@ class StoreysAndForces(NamedTuple):
 
     turn: Array  # (4, m)
     drive: Array  # (tiles, q + 2, 4) of ground acceleration, laws' forces, base shear into firsts, then seconds
-    drifts: Array  # (tiles, 2 m + q + 2, 4) of states and these inputs to drifts (q,), then their rates (q,)
+    drifts: (
+        Array  # (tiles, 2 m + q + 2, 4) of states and these inputs to drifts (q,), then rates (q,) if a law needs any
+    )
     interface: Array  # (1, 2 m + q + 2, 4) of them to the interface's motion (3,)
     direct: Array  # (1, 1) acceleration per force
     columns: Array  # (2 m + q + 2,) states and inputs
     pushed: Array  # (4 tiles,) what inputs add to the states
-    made: Array  # (4 tiles,) drifts and rates
+    made: Array  # (>= 2 q,) drifts and rates, 0 where no law needs them
     motion: Array  # (4,) of the interface, without base shear
     which: Integers  # (l,) place of the law's storey in q
     code: Integers  # (l,)
     address: Integers  # (l,)
     numbers: Array  # (l, NUMBERS)
     curves: Array  # (l, pieces, 8) of dampers
-    tables: Array  # (l, pieces, columns) of degradation, of no rows where a law has none
+    tables: Array  # (l, pieces, columns) of degradation, zero where a law has none
     gives: Array  # (l,) fall of the drift's rate in m/s per N of the law
     memory: Array  # (l, REMEMBERED)
     forces: Array  # (l,) of each law at the last instant
@@ -471,7 +475,7 @@ class StoreysAndForces(NamedTuple):
             at, code, address = self.which[i], self.code[i], self.address[i]
             numbers, curve, table, memory = self.numbers[i], self.curves[i], self.tables[i], self.memory[i]
             u, rate, gives, before = made[at], made[q + at], self.gives[i], forces[i]
-            if code == BOUC_WEN and table[0, ROWS] > 0.0:
+            if code == BOUC_WEN and table[0, SCALE] > 0.0:
                 waiting = True
                 begins(numbers, curve, table, memory, u)
             else:
@@ -479,10 +483,10 @@ class StoreysAndForces(NamedTuple):
                 logged[at] += forces[i]
         if waiting:  # all laws together: the numbers of one wait for each other, those of several do not
             for i in range(forces.size):
-                if self.code[i] == BOUC_WEN and self.tables[i, 0, ROWS] > 0.0:
+                if self.code[i] == BOUC_WEN and self.tables[i, 0, SCALE] > 0.0:
                     looks_up(self.numbers[i], self.curves[i], self.tables[i], self.memory[i])
             for i in range(forces.size):
-                if self.code[i] == BOUC_WEN and self.tables[i, 0, ROWS] > 0.0:
+                if self.code[i] == BOUC_WEN and self.tables[i, 0, SCALE] > 0.0:
                     forces[i] = ends(self.numbers[i], self.tables[i], self.memory[i])
                     logged[self.which[i]] += forces[i]
         product(self.interface, last, self.columns, self.motion)
@@ -514,7 +518,8 @@ def storeys_and_forces(design: StoreysWithLaws, interface: Interface, room: Room
     gives = -through[3 + q + which, 2 + which]
     numbers, curves, tables = of_the_step(laws, gives, design.dt_s)
     whole = np.hstack([outputs.transpose(0, 2, 1).reshape(-1, states)[: 3 + 2 * q], through[:, order]])
-    drifts, pushes = tiled(whole[3:]), tiled(drive.reshape(-1, states)[order].T)
+    rows = 2 * q if np.isin(laws.code, DEPENDING_ON_RATES).any() else q
+    drifts, pushes = tiled(whole[3 : 3 + rows]), tiled(drive.reshape(-1, states)[order].T)
     columns = room.take(states + q + 2)
     return StoreysAndForces(
         turn=turn,
@@ -524,7 +529,7 @@ def storeys_and_forces(design: StoreysWithLaws, interface: Interface, room: Room
         direct=np.ascontiguousarray(through[:1, 1:2]),
         columns=columns,
         pushed=np.zeros(4 * len(pushes)),
-        made=np.zeros(4 * len(drifts)),
+        made=np.zeros(padded(2 * q)),
         motion=np.zeros(4),
         which=which,
         code=laws.code,

@@ -49,7 +49,8 @@ def power_curve(c: float, power: float, knee: float, gives: float) -> Array:
     force = float(_forces(c, power, gives, last))
     slope = power * force / (last - gives * force)  # of F over v
     curve = np.zeros((2 + len(rows), TERMS + 1))
-    curve[0, :6] = first, last, force, slope / (1.0 + gives * slope), begin - 1, shift
+    curve[0, :4] = first, last, force, slope / (1.0 + gives * slope)
+    curve[0, 4:6] = np.array([begin - 1, shift]).view(np.float64)  # integers, read as such
     curve[1, 2] = straight / (1.0 + gives * straight)
     curve[2:] = rows
     return curve
@@ -97,8 +98,10 @@ def on_curve(curve: Array, rate: float) -> float:
     size = abs(rate)
     if not size < curve[0, 1]:
         return math.copysign(curve[0, 2] + curve[0, 3] * (size - curve[0, 1]), rate)
-    beyond = (bits_of(size) >> int(curve[0, 5])) - int(curve[0, 4])
-    row = 1 + int(size > curve[0, 0]) * beyond  # a branch would be taken without a rule where a rate is small
+    beyond = (bits_of(size) >> bits_of(curve[0, 5])) - bits_of(curve[0, 4])
+    row = np.uint64(
+        1 + int(size > curve[0, 0]) * beyond
+    )  # a branch would be taken without a rule where rates are small
     x = size - curve[row, 0]
     value = curve[row, TERMS]
     for i in range(TERMS - 1, 0, -1):

@@ -19,7 +19,7 @@ from rths_cli.numerics.power_curves import MANTISSA_BITS, TERMS, bits_of
 FUNCTIONS, COLUMNS = 7, 8  # of each power in a row; the last column of the first power holds the middle of the piece
 EXACT = 1e-12  # of a function, over its largest value in the piece
 PIECES = (16, 32, 64, 128)  # per octave of 1 + scale times the argument, the fewest that are exact
-FROM, TO, SCALE, BEGIN, SHIFT, ROWS = range(6)  # places in the first row
+FROM, TO, SCALE, BEGIN, SHIFT, LAST = range(6)  # places in the first row
 FAR, PER_ONE = 6.25, 16  # the bell is below 1.1e-17 beyond; pieces per one
 
 
@@ -27,7 +27,7 @@ def table_of(functions: Callable[[Array], Array], scale: float, most: float) -> 
     """Return the table (1 + pieces, TERMS COLUMNS) of functions, which return (FUNCTIONS, n) of arguments (n,).
 
     First row: the arguments between which the table is exact, `scale`, and how the bits of 1 + scale times an argument
-    become the row of its piece, of which there are so many. The table begins at -0.5 / scale and ends at about `most`,
+    become the number of its piece, and the last of these. The table begins at -0.5 / scale and ends at about `most`,
     but where a function is too steep for the smallest pieces it is exact from the next larger arguments on.
     """
     for pieces in PIECES:
@@ -39,7 +39,8 @@ def table_of(functions: Callable[[Array], Array], scale: float, most: float) -> 
             break
     first = 0 if exact.all() else len(exact) - int(np.argmin(exact[::-1]))  # after the last that is not
     table = np.zeros((1 + len(middle), TERMS * COLUMNS))
-    table[0, : ROWS + 1] = (edges[first] - 1.0) / scale, (edges[-2] - 1.0) / scale, scale, begin, shift, len(middle)
+    table[0, : SCALE + 1] = (edges[first] - 1.0) / scale, (edges[-2] - 1.0) / scale, scale
+    table[0, BEGIN : LAST + 1] = np.array([begin, shift, len(middle) - 1]).view(np.float64)  # integers, read as such
     rows = table[1:].reshape(len(middle), TERMS, COLUMNS)
     rows[first:, :, :FUNCTIONS] = coefficients[:, first:].transpose(1, 2, 0)
     rows[:, 0, FUNCTIONS] = middle
@@ -69,8 +70,8 @@ def _nodes() -> Array:
 @part
 def piece_of(table: Array, argument: float) -> int:
     """Return the row of a table for an argument; the first or the last one beyond its ends, and for NaN."""
-    piece = (bits_of(1.0 + table[0, SCALE] * argument) >> int(table[0, SHIFT])) - int(table[0, BEGIN])
-    return 1 + max(0, min(piece, int(table[0, ROWS]) - 1))
+    piece = (bits_of(1.0 + table[0, SCALE] * argument) >> bits_of(table[0, SHIFT])) - bits_of(table[0, BEGIN])
+    return 1 + max(0, min(piece, bits_of(table[0, LAST])))
 
 
 @fused_part

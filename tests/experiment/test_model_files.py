@@ -17,6 +17,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from declared_contents import model_faults
 
 from rths_cli.case import plugin_rig_names
 from rths_cli.case.load import load_cases
@@ -28,7 +29,7 @@ from rths_cli.experiment.model_files import KEPT, Cache, key, load, save
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.model_file import read_model
-from rths_cli.identification.results import Identification, NonlinearSpecimen
+from rths_cli.identification.results import Identification, NonlinearSpecimen, Pitch
 
 CASE = "el_centro_low_ff_fb"
 
@@ -87,6 +88,17 @@ def test_every_bit_of_an_identification_comes_back(
     assert len(wanted) > 200
     assert got == wanted
     assert stored.about["data_source"] == "made for this test" and len(stored.sha256) == 64
+
+
+def test_a_model_keeps_the_pitch_of_the_base(
+    tmp_path: Path, default_setup: Setup, default_identification: Identification
+) -> None:
+    found = replace(default_identification, pitch=Pitch(1e-6, 1e-7, np.array([1.005, 0.998])))
+    save(tmp_path / "m.h5", default_setup, found, "made for this test", "0" * 64)
+    assert model_faults(tmp_path / "m.h5") == []
+    kept = load(tmp_path / "m.h5", default_setup).found.pitch
+    assert kept is not None and kept.seen and (kept.flexibility_m_per_n, kept.error_m_per_n) == (1e-6, 1e-7)
+    np.testing.assert_array_equal(kept.stiffness_ratio, [1.005, 0.998])
 
 
 def test_a_model_of_a_rig_that_was_certain_drives_one_that_is_uncertain_by_default_and_not_the_other_way_round(

@@ -49,8 +49,12 @@ def test_a_damaged_specimen_costs_a_quarter_of_the_error(tmp_path: Path, memory:
 
 
 def test_a_specimen_as_identified_costs_nothing(tmp_path: Path, memory: Memory) -> None:
-    with_it, without = (ratio(tmp_path / f"{place}.h5", memory, key) for place, key in enumerate((ON, OFF)))
-    assert (with_it < 1.05 * without).all()
+    """By the noise of single runs it costs up to 5 %, or spares them."""
+    over = []
+    for seed in range(4):
+        on, off = (ratio(tmp_path / f"{key}{seed}.h5", memory, key, f"seed={seed}") for key in (ON, OFF))
+        over.append(on / off)
+    assert (np.mean(over, axis=0) < 1.02).all() and np.max(over) < 1.1
 
 
 def test_a_specimen_that_degrades_keeps_the_accuracy_of_a_linear_one(tmp_path: Path, memory: Memory) -> None:

@@ -28,7 +28,7 @@ from types import ModuleType
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numba.core.errors import NumbaError
+from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
@@ -37,6 +37,10 @@ from rths_cli.structure.storey_laws import NUMBERS, OWN, OWN_PARAMETERS, OWN_STA
 
 GROUP = "rths.laws"
 FIELD = "structure.numerical.law"
+# what numba raises of source that it does not know: its own errors, of which one is no NumbaError, and bare ones
+NOT_COMPILED = (
+    NumbaError, UnsupportedBytecodeError, AssertionError, LookupError, NotImplementedError, TypeError, ValueError,
+)  # fmt: skip
 ARGUMENTS = 5  # of force
 LONGEST_CALL_S = 20e-6  # in the step, of which there are up to some thousands per second
 LONGEST_TRIAL_S = 10.0  # of all calls of the check
@@ -176,7 +180,7 @@ def _of_module(module: ModuleType, who: str, text: str) -> Definition:
         raise InputError(*(f"{FIELD}: {who}: {fault}" for fault in faults))
     try:
         made = compile_force(force, len(names), states)
-    except (NumbaError, AssertionError, LookupError, NotImplementedError, TypeError, ValueError) as error:
+    except NOT_COMPILED as error:
         raise InputError(f"{FIELD}: {who}: numba cannot compile force: {_told(error)}") from error
     if made.runtime_calls:
         called = ", ".join(sorted(made.runtime_calls))

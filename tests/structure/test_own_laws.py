@@ -147,7 +147,18 @@ def test_what_the_text_of_a_law_shows_is_told_before_it_is_compiled(
             "    next_state[0] = [slider, slider].copy()[1]\n",
             "makes arrays, draws random",
         ),
-        ("    next_state[0] = slider\n", "    next_state[0] = str(slider)\n", "numba cannot compile force: "),
+        *(
+            ("    next_state[0] = slider\n", f"    next_state[0] = {new}\n", "numba cannot compile force: ")
+            for new in (
+                "str(slider)",
+                "slider\n    import math",
+                "slider\n    class Other: pass",
+                "slider\n    global OTHER\n    OTHER = 1.0",
+                "dict(**{'a': slider})['a']",
+                "float(f'{slider}')",
+                "parameters[...][0]",
+            )
+        ),
     ],
 )
 def test_code_that_cannot_run_while_a_table_moves_is_refused(tmp_path: Path, old: str, new: str, says: str) -> None:

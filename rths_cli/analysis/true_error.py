@@ -50,7 +50,7 @@ class TrueError:
     median: Array
     bound: Array  # not exceeded with 95 %
     calibration: Array  # root mean square of the part by the calibration
-    pitch: Array | None  # the part by pitch of the specimen's base; None: it does not
+    pitch: Array | None  # the part by pitch of the specimen's base; None: none is seen
     drawn: Array  # (draws, n_storeys) of the distribution
 
     def rank(self, error: Array) -> Array:

@@ -216,7 +216,7 @@ def _true_error(
 
 
 def _pitch_error(identified: Identification, building: Building, known: Known) -> tuple[Array | None, float]:
-    """Return the RMS error (n_storeys,) in m/s^2 by pitch of the specimen's base and that of the reference is rigid,
+    """Return the RMS error (n_storeys,) in m/s^2 against a reference on a rigid base, by pitch of the specimen's base,
     and its relative standard uncertainty; None and 0 where none is seen."""
     pitch, fit = identified.pitch, identified.specimen
     if pitch is None or not pitch.seen or fit is None:

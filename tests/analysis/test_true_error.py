@@ -136,7 +136,7 @@ def test_a_specimen_may_be_stiffer_or_softer():
     assert uncertain.bound == pytest.approx(1.96 * size, rel=0.05)
 
 
-def test_a_base_that_turns_has_an_error_of_known_size():
+def test_pitch_has_an_error_of_known_size():
     found = Calibration(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), np.zeros((11, 11)))
     size = np.array([1.0, 2.0, 5.0])
     uncertain = true_error(known(), found, OwnError(np.zeros(3), np.zeros(3), size, 0.1))

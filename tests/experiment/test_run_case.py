@@ -202,7 +202,7 @@ def test_the_figures_known_beforehand_are_those_a_run_has(whole: Path) -> None:
     solved = ("sim", "sim_delay", "exp_rths")
     assert missing == {
         "sim_delay.diverged_at_s",
-        "check.pitch_error_m_s2",  # no base turns
+        "check.pitch_error_m_s2",  # no base pitches
         *(f"{run}.{figure}" for run in solved for figure in of_others),
         *(f"exp_rths.{figure}" for figure in others),
     }

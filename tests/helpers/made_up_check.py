@@ -33,7 +33,7 @@ OF_LAWS = (
 )  # fmt: skip
 OF_CALIBRATION, OF_BASE = ("check.true_error", "check.calibration_error"), "check.pitch_error"
 LINEAR = {path for path in metrics_of("check") if not path.startswith((*OF_LAWS, *OF_CALIBRATION, OF_BASE))}
-"""The figures of a check of a linear building on a rig that is as declared, whose base is not seen to turn."""
+"""The figures of a check of a linear building on a rig that is as declared, whose base is not seen to pitch."""
 TRUE_ERROR = {path for path in metrics_of("check") if path.startswith(OF_CALIBRATION)}
 """Those that a rig has beside them some of whose sensors, instants or masses are uncertain."""
 

@@ -1,4 +1,4 @@
-"""How a base turns, found from motions of specimens whose equations of motion are written down here."""
+"""Pitch of a base, found from motions of specimens whose equations of motion are written down here."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def motion(count, rocking, heights, noise=1e-3, seed=5, ties=0.0, dashpots=0.0):
     return Motion(signals[0], signals[1:])
 
 
-def turning(seen, heights=None, gain=0.01, mass=0.003):
+def pitch_of(seen, heights=None, gain=0.01, mass=0.003):
     """Return what is found of a base, gains and masses of these uncertainties."""
     count = len(seen.floors)
     channels = rig_info().channels[:1] * (count + 1)
@@ -51,9 +51,9 @@ def turning(seen, heights=None, gain=0.01, mass=0.003):
 
 @pytest.mark.parametrize("count", [2, 3])
 @pytest.mark.parametrize("rocking", [2e-7, 2e-6])
-def test_a_base_that_turns_is_found_with_the_storeys_on_a_rigid_one(count, rocking):
+def test_pitch_is_found_with_the_storeys_on_a_rigid_base(count, rocking):
     seen = motion(count, rocking, rising(count), noise=1e-4)
-    found = turning(seen)
+    found = pitch_of(seen)
     assert found.seen and found.flexibility_m_per_n == pytest.approx(rocking, rel=0.15)
     assert abs(found.flexibility_m_per_n - rocking) < 2.0 * found.error_m_per_n
     channels = rig_info().channels[:1] * (count + 1)
@@ -68,7 +68,7 @@ def test_a_base_that_turns_is_found_with_the_storeys_on_a_rigid_one(count, rocki
 def test_stated_heights_count():
     heights = np.array([1.0, 1.4, 3.0])
     seen = motion(3, 2e-6, heights)
-    told, untold = turning(seen, np.diff(heights, prepend=0.0)), turning(seen)
+    told, untold = pitch_of(seen, np.diff(heights, prepend=0.0)), pitch_of(seen)
     assert told.flexibility_m_per_n == pytest.approx(2e-6, rel=0.03)
     assert abs(untold.flexibility_m_per_n - 2e-6) > 3.0 * abs(told.flexibility_m_per_n - 2e-6)
     assert abs(untold.flexibility_m_per_n - 2e-6) < 2.0 * untold.error_m_per_n  # widened by what is left
@@ -78,32 +78,32 @@ def test_uncertainties_cover_the_errors_of_many_records():
     """They may be too wide: one factor for the scatter of stretches holds for all that is fitted."""
     over = []
     for seed in range(30):
-        found = turning(motion(2, 1e-7, rising(2), noise=2e-3, seed=seed))
+        found = pitch_of(motion(2, 1e-7, rising(2), noise=2e-3, seed=seed))
         over.append((found.flexibility_m_per_n - 1e-7) / found.error_m_per_n)
     assert 0.1 < np.sqrt(np.mean(np.square(over))) < 1.2
 
 
-def test_a_rigid_base_is_not_said_to_turn():
-    assert not turning(motion(3, 0.0, rising(3))).seen
+def test_a_rigid_base_is_not_said_to_pitch():
+    assert not pitch_of(motion(3, 0.0, rising(3))).seen
 
 
 def test_another_stiffness_that_couples_modes_is_not_taken_for_a_base():
-    """A spring from the table to the top floor stiffens, a base that turns only softens."""
-    assert not turning(motion(3, 0.0, rising(3), ties=40.0)).seen
+    """A spring from the table to the top floor stiffens, pitch only softens."""
+    assert not pitch_of(motion(3, 0.0, rising(3), ties=40.0)).seen
 
 
 @pytest.mark.parametrize("dashpots", [(20.0, 0.0), (0.0, 20.0), (60.0, 0.0)])
 def test_unequal_dampers_are_not_taken_for_a_base_or_masses(dashpots):
     seen = motion(2, 0.0, rising(2), noise=1e-4, dashpots=dashpots)
-    assert not turning(seen).seen
+    assert not pitch_of(seen).seen
     both = motion(2, 2e-6, rising(2), noise=1e-4, dashpots=dashpots)
-    assert turning(both).flexibility_m_per_n == pytest.approx(2e-6, rel=0.15)
+    assert pitch_of(both).flexibility_m_per_n == pytest.approx(2e-6, rel=0.15)
 
 
 def test_sensors_or_masses_taken_as_exact_leave_no_statement():
     seen = motion(2, 2e-6, rising(2))
-    assert turning(seen, gain=0.0) is None and turning(seen, mass=0.0) is None
+    assert pitch_of(seen, gain=0.0) is None and pitch_of(seen, mass=0.0) is None
 
 
 def test_one_floor_shows_no_base():
-    assert turning(motion(1, 0.0, rising(1))) is None
+    assert pitch_of(motion(1, 0.0, rising(1))) is None

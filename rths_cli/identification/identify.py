@@ -37,13 +37,12 @@ from rths_cli.identification.results import (
     LevelBand,
     LevelCauses,
     LowLevelLines,
-    Pitch,
     Root,
     SpecimenFit,
     Verdict,
 )
 from rths_cli.identification.root_uncertainty import of_specimen, of_structure, shifts, together
-from rths_cli.identification.sensor_calibration import calibrated, fitted, priors_of
+from rths_cli.identification.sensor_calibration import Fitted, calibrated, fitted, priors_of
 from rths_cli.identification.session_record import low_level_lines
 from rths_cli.identification.specimen_fit import Start
 from rths_cli.identification.table_fit import beyond_scatter, fit_error, rms, within
@@ -53,6 +52,10 @@ from rths_cli.rigs.description import Channel, RigInfo
 NOISE_SHARE = 0.5  # noise at rest explains the scatter of the data if it is at least this fraction of it
 LEAST_LEVELS = 1.5  # smallest ratio of full to low level at which friction is judged
 NOT_COMPARABLE = "friction: not judged; that takes noise or a multisine, and a low-level record at 2/3 of it or less"
+UNSETTLED = (
+    "calibration: the fit of sensors and masses has not settled, so that gains and masses are less certain than "
+    "stated; dampers of unequal storeys, and many floors, do that; weigh the floors and compare the sensors"
+)
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ def identify(
     declared, table = _identified(data, given)
     if not info.calibrates or not len(data.masses_kg):
         return _at_every_level(data, declared, table)
-    calibration, found_pitch = _calibration(data, declared, table)
+    chain, calibration = _calibration(data, declared, table)
     channels = calibrated(info.channels, calibration)
     corrected = [_recorrected(record, info.channels, channels, info.dt_s) for record in records]
     low = _recorrected(quiet, info.channels, channels, info.dt_s) if quiet else None
@@ -104,8 +107,12 @@ def identify(
     data = evidence(corrected, low, there, data.masses_kg * calibration.mass, settings)
     found, table = _identified(data, given)
     found = replace(_at_every_level(data, found, table), calibration=calibration)
-    linear = quiet is not None and found.nonlinear is None
-    return replace(found, pitch=found_pitch) if linear else found  # storeys that bend or rub couple modes as well
+    if not chain.settled:
+        found = replace(found, verdict=replace(found.verdict, warnings=(*found.verdict.warnings, UNSETTLED)))
+    if quiet is None or found.nonlinear is not None:
+        return found  # storeys that bend or rub couple modes as pitch does
+    heights = data.settings.heights_m
+    return replace(found, pitch=pitch(chain, None if heights is None else np.array(heights)))
 
 
 def _at_every_level(data: Evidence, found: Identification, table: _Table) -> Identification:
@@ -120,21 +127,19 @@ def _recorrected(record: Record, before: tuple[Channel, ...], after: tuple[Chann
     return Record(record.command_v, accel, record.parts, record.further)
 
 
-def _calibration(data: Evidence, declared: Identification, table: _Table) -> tuple[Calibration, Pitch | None]:
-    """Return the sensors and masses that the records show, from an identification with those that are declared, and
-    the pitch of the specimen's base."""
+def _calibration(data: Evidence, declared: Identification, table: _Table) -> tuple[Fitted, Calibration]:
+    """Return the chain with sensors and masses that the records show, from an identification with those that are
+    declared, and what is known of them then, with what further channels show."""
     assert declared.specimen is not None
     start = Start(declared.specimen.stiffness_n_per_m, declared.specimen.damping_ratio)
     error = float("inf") if table.given else _ripple_error(data, table, declared.friction)
     priors = priors_of(data.info, data.settings.sensors_removed, declared.best, error)
     seen, low_hz = identify_specimen.motions(data, declared.best, free=False), identify_specimen.lowest_hz(data, start)
     chain = fitted(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
-    heights = data.settings.heights_m
-    found_pitch = pitch(chain, None if heights is None else np.array(heights))
     first_hz = float(declared.specimen.natural_frequency_hz[0])
     moved = [_without_staircase(record, declared.best) for record in data.records]  # no displacement sensor shows it
     seen_beside = observations(moved, data.info, data.masses_kg, low_hz, first_hz)
-    return with_scale(chain.calibration, seen_beside, len(data.info.further)), found_pitch
+    return chain, with_scale(chain.calibration, seen_beside, len(data.info.further))
 
 
 def _without_staircase(record: Record, model: Model) -> Record:

@@ -25,14 +25,14 @@ MODEL = 0.1  # relative standard uncertainty: weight along the floors, the base'
 
 
 def pitch(fitted: Fitted, heights_m: Array | None = None) -> Pitch | None:
-    """Return how the base under a fitted chain pitches; None for one floor, and where sensors or masses were taken as
-    exact: what they are off by would be taken for pitch.
+    """Return how the base under a fitted chain pitches; None for one floor, where sensors or masses were taken as exact
+    (what they are off by would be taken for pitch), and where the fit has not settled.
 
     `heights_m` (n,) are those of the storeys, None: all the same. Of three floors and more, what couples the modes in
     another way than pitch does widens the uncertainty.
     """
     coupled, spread = fitted.coupled_stiffness
-    if not len(coupled) or not fitted.problem.priors.none_exact:
+    if not len(coupled) or not fitted.problem.priors.none_exact or not fitted.settled:
         return None
     heights = np.cumsum(np.ones(len(fitted.masses_kg)) if heights_m is None else heights_m)
     by_c, stiffer = _by_pitch(fitted.masses_kg, fitted.stiffness_n_per_m, heights / heights[-1])

@@ -51,6 +51,7 @@ ROUNDS = 4  # fits, each with the size of the residual that the one before left
 SETTLED = 0.01  # relative change of that size at which the rounds end
 CHAIN_STEP = 1e-5  # of the chain's parameters, for the slopes of what damping that couples modes adds
 TOLERANCE = 1e-8
+SETTLED = 0.005  # half of the square of the standard uncertainties that a fit is off its minimum
 SHOWN = 10.0  # information of a stretch, in units of the prior's, from which it shows a parameter better
 # standard uncertainties of damping and stiffness that couple two modes of the chain, over the root of their own
 COUPLED_DAMPING, COUPLED_STIFFNESS = 0.3, 0.01
@@ -153,10 +154,12 @@ def fitted(
         if abs(size - before) < SETTLED * before:
             break
     spread = covariance(found.slopes, 1.0)
+    steepest = found.slopes @ found.residual
+    to_go = 0.5 * float(steepest @ spread @ steepest)
     widened = _scatter(problem, motions, dt_s, (low_hz, highest), at)
     if widened > 1.0:
         spread = covariance(replace(problem, unit=widened * size).posterior(at)[1], 1.0)
-    return Fitted(problem, at, spread)
+    return Fitted(problem, at, spread, to_go)
 
 
 def calibrated(channels: Sequence[Channel], found: Calibration) -> tuple[Channel, ...]:
@@ -448,11 +451,22 @@ def _scatter(
 
 @dataclass(frozen=True)
 class Fitted:
-    """A chain with its sensors as fitted: the most probable parameters (p,) and their covariance (p, p)."""
+    """A chain with its sensors as fitted: the most probable parameters (p,) and their covariance (p, p).
+
+    `to_go`: by how much a Gauss-Newton step expects half of the sum of squares to fall still, 0 at its minimum; 0.5 is
+    a step of one standard uncertainty. Where some parameters are seen a million times better than others, the iteration
+    may end before the others have settled.
+    """
 
     problem: Problem
     at: Array
     spread: Array
+    to_go: float
+
+    @property
+    def settled(self) -> bool:
+        """Return whether no more than a tenth of a standard uncertainty is left to go."""
+        return self.to_go <= SETTLED
 
     @property
     def calibration(self) -> Calibration:

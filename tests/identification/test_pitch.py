@@ -105,5 +105,12 @@ def test_sensors_or_masses_taken_as_exact_leave_no_statement():
     assert pitch_of(seen, gain=0.0) is None and pitch_of(seen, mass=0.0) is None
 
 
+def test_a_fit_that_has_not_settled_leaves_no_statement(monkeypatch):
+    seen = motion(2, 2e-6, rising(2))
+    monkeypatch.setattr("rths_cli.identification.sensor_calibration.TOLERANCE", 0.5)
+    monkeypatch.setattr("rths_cli.identification.sensor_calibration.ROUNDS", 1)
+    assert pitch_of(seen) is None
+
+
 def test_one_floor_shows_no_base():
     assert pitch_of(motion(1, 0.0, rising(1))) is None

@@ -53,24 +53,28 @@ SHARED = 35.0 / 18.0  # mean(w^4) / mean(w^2)^2 of a Hann window: by it neighbou
 FALSE_ALARM = 1e-3  # probability with which instants, or gains stated as exact, are taken for changed ones by chance
 SHOWN = 3.0  # standard uncertainties from which another delay is taken for one
 LEAST_LINES = 40
+LEAST_REST_LINES = 8  # of the rest before a record, up to which its noise is taken at least
 LEAST_NOISE = 1e-4  # of a channel's motion
 BELOW_NYQUIST = 0.4  # of the sample rate, up to which lines are used
 LEAST_SIZE = 1e-3  # of what is left unexplained, in units of the noise at rest
 
 
-def low_level_lines(record: Record, info: RigInfo, low_hz: float, highest_hz: float) -> LowLevelLines:
+def low_level_lines(record: Record, info: RigInfo, low_hz: float, highest_hz: float) -> LowLevelLines | None:
     """Return the lines of a record that begins and ends at rest, by a Hann window over all of it, from `low_hz` to
-    `ABOVE_HIGHEST` times the specimen's highest natural frequency `highest_hz`."""
+    `ABOVE_HIGHEST` times the specimen's highest natural frequency `highest_hz`; None if there is none."""
     samples = len(record.command_v)
     f: Array = np.asarray(np.fft.rfftfreq(samples, info.dt_s), dtype=float)
     f = f[(f >= low_hz) & (f <= min(ABOVE_HIGHEST * highest_hz, BELOW_NYQUIST / info.dt_s))]
+    if not len(f):
+        return None
     noise = _noise(record, info, f) * float(np.sqrt(np.sum(np.hanning(samples) ** 2)))
     return LowLevelLines(f, _lines(record.command_v, f, info.dt_s), _lines(record.accel_m_s2, f, info.dt_s), noise)
 
 
 def _noise(record: Record, info: RigInfo, frequency_hz: Array) -> Array:
     """Return the standard deviation (c,) in m/s^2 of white noise as strong as the channels' at rest in this band, at
-    least the quantisation noise; hum beyond the band is none in it."""
+    least the quantisation noise; hum beyond the band is none in it. A rest too short to resolve the band has its lowest
+    lines taken."""
     bits = np.array([info.converters.step_v / channel.sensitivity_v_per_unit for channel in info.channels])
     least = np.maximum(bits / np.sqrt(12.0), LEAST_NOISE * record.accel_m_s2.std(axis=1))
     silence = record.parts.silence
@@ -78,7 +82,7 @@ def _noise(record: Record, info: RigInfo, frequency_hz: Array) -> Array:
         return least
     still = record.accel_m_s2[:, silence]
     window, f = np.hanning(still.shape[1]), np.fft.rfftfreq(still.shape[1], info.dt_s)
-    inside = (f >= max(frequency_hz[0], 2.0 * f[1])) & (f <= frequency_hz[-1])
+    inside = (f >= max(frequency_hz[0], 2.0 * f[1])) & (f <= max(frequency_hz[-1], LEAST_REST_LINES * f[1]))
     power = np.abs(np.fft.rfft(window * (still - still.mean(axis=1, keepdims=True)), axis=-1)[:, inside]) ** 2
     return np.asarray(np.maximum(np.sqrt(power.mean(axis=1) / np.sum(window**2)), least))
 
@@ -103,6 +107,7 @@ def session_change(known: Identification, again: Record, info: RigInfo, drift: f
     if len(before.frequency_hz) < LEAST_LINES:
         return f"it has only {len(before.frequency_hz)} lines"
     now = low_level_lines(again, info, float(before.frequency_hz[0]), fit.natural_frequency_hz[-1])
+    assert now is not None  # its band is that of the lines before
     apart = _incomparable(before, now)
     if apart:
         return apart

@@ -160,6 +160,15 @@ def test_hum_beyond_the_band_is_no_noise_in_it():
     assert 0.7 < found.unexplained < 1.5 and found.ratio_error.max() < 4e-5
 
 
+def test_the_noise_of_a_band_that_the_rest_is_too_short_for_is_that_of_its_lowest_lines():
+    """A specimen of one slow storey: two lines of the record, none of the two seconds of rest before it."""
+    made = record(QUIET, ripple=RIPPLE)
+    slow, wide = (low_level_lines(made, rig(), 0.41, highest_hz) for highest_hz in (0.3, 8.0))
+    assert len(slow.frequency_hz) in (1, 2)
+    assert slow.noise == pytest.approx(wide.noise, rel=0.6)
+    assert low_level_lines(made, rig(), 0.41, 0.2) is None
+
+
 def test_instants_are_as_they_were_unless_the_record_shows_another():
     found = session_change(
         known(record(QUIET, ripple=RIPPLE, seed=1)), record(QUIET, ripple=RIPPLE, seed=2), rig(), DRIFT

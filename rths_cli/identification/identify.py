@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,8 +54,9 @@ LEAST_LEVELS = 1.5  # smallest ratio of full to low level at which friction is j
 NOT_COMPARABLE = "friction: not judged; that takes noise or a multisine, and a low-level record at 2/3 of it or less"
 UNSETTLED = (
     "calibration: the fit of sensors and masses has not settled, so that gains and masses are less certain than "
-    "stated; dampers of unequal storeys, and many floors, do that; weigh the floors and compare the sensors"
+    "stated; weigh the floors and compare the sensors"
 )
+UNLIKELY = 1e-3  # chance of sensors and masses that are as declared, from which the declaration is doubted
 
 
 @dataclass(frozen=True)
@@ -107,12 +108,35 @@ def identify(
     data = evidence(corrected, low, there, data.masses_kg * calibration.mass, settings)
     found, table = _identified(data, given)
     found = replace(_at_every_level(data, found, table), calibration=calibration)
-    if not chain.settled:
-        found = replace(found, verdict=replace(found.verdict, warnings=(*found.verdict.warnings, UNSETTLED)))
+    doubts = _doubts(chain, info)
+    found = replace(found, verdict=replace(found.verdict, warnings=(*found.verdict.warnings, *doubts)))
     if quiet is None or found.nonlinear is not None:
         return found  # storeys that bend or rub couple modes as pitch does
     heights = data.settings.heights_m
     return replace(found, pitch=pitch(chain, None if heights is None else np.array(heights)))
+
+
+def _doubts(chain: Fitted, info: RigInfo) -> Iterator[str]:
+    """Yield why a calibration, or what is declared of sensors and masses, is to be doubted, one sentence each."""
+    found, masses = chain.calibration, info.uncertainty.of_masses(len(chain.masses_kg))
+    if not chain.settled:
+        yield UNSETTLED
+    if chain.gain_spread.chance < UNLIKELY:
+        worst = int(np.argmax(np.abs(found.gain - 1.0)))
+        yield (
+            f"calibration: the sensors differ more than their uncertainty explains (channel "
+            f"{info.channels[worst].name} by {100.0 * (found.gain[worst] - 1.0):+.2g} % from their mean, "
+            f"sensitivity_uncertainty is {100.0 * info.channels[worst].uncertainty:.2g} %); compare the sensors "
+            f"(rths calibrate), or state a larger uncertainty"
+        )
+    if chain.mass_spread.chance < UNLIKELY:
+        worst = int(np.argmax(np.abs(found.mass - 1.0)))
+        yield (
+            f"calibration: the masses differ from what is stated by more than their uncertainty explains (floor "
+            f"{worst + 1} of the specimen by {100.0 * (found.mass[worst] - 1.0):+.2g} % from their mean, "
+            f"uncertainty.mass is {100.0 * masses[worst]:.2g} %); weigh the floors, with all that moves with them, "
+            f"or state a larger uncertainty"
+        )
 
 
 def _at_every_level(data: Evidence, found: Identification, table: _Table) -> Identification:
@@ -135,7 +159,8 @@ def _calibration(data: Evidence, declared: Identification, table: _Table) -> tup
     error = float("inf") if table.given else _ripple_error(data, table, declared.friction)
     priors = priors_of(data.info, data.settings.sensors_removed, declared.best, error)
     seen, low_hz = identify_specimen.motions(data, declared.best, free=False), identify_specimen.lowest_hz(data, start)
-    chain = fitted(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors)
+    high_hz = data.settings.band_hz[1]
+    chain = fitted(seen, data.info.dt_s, data.masses_kg, data.info.channels, low_hz, start, priors, high_hz)
     first_hz = float(declared.specimen.natural_frequency_hz[0])
     moved = [_without_staircase(record, declared.best) for record in data.records]  # no displacement sensor shows it
     seen_beside = observations(moved, data.info, data.masses_kg, low_hz, first_hz)

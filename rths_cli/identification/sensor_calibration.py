@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rths_cli.identification.least_squares import covariance, least_squares
+from rths_cli.identification.least_squares import Solution, covariance, least_squares
 from rths_cli.identification.results import Calibration
 from rths_cli.identification.specimen_fit import (
     ABOVE_HIGHEST,
@@ -41,22 +41,27 @@ from rths_cli.identification.specimen_fit import (
     residual_of,
     stretches_of,
     transform,
+    without_time,
 )
 from rths_cli.numerics.lti import Array, ComplexArray, Integers, Model
 from rths_cli.rigs.description import Channel, RigInfo
 
-STEP = 1e-3  # of a prior's standard uncertainty, over which slopes by sensors and masses are taken
+STEP = 1e-5  # of a prior's standard uncertainty, over which slopes by masses are taken
 FAR = 10.0  # standard uncertainties of its prior by which a parameter may differ from what is declared
-ROUNDS = 4  # fits, each with the size of the residual that the one before left
-SETTLED = 0.01  # relative change of that size at which the rounds end
-CHAIN_STEP = 1e-5  # of the chain's parameters, for the slopes of what damping that couples modes adds
+ROUNDS = 4  # fits, each with the sizes of the residual that the one before left
+CHAIN_STEP = 1e-7  # of the chain's parameters, for the slopes of what damping that couples modes adds
 TOLERANCE = 1e-8
+LINES = 17  # of which the size of a residual is the rms
 SETTLED = 0.005  # half of the square of the standard uncertainties that a fit is off its minimum
+SHARES = (1.0, 0.3, 0.1)  # of a Gauss-Newton step, by which it is tried whether a fit has settled
 SHOWN = 10.0  # information of a stretch, in units of the prior's, from which it shows a parameter better
 # standard uncertainties of damping and stiffness that couple two modes of the chain, over the root of their own
 COUPLED_DAMPING, COUPLED_STIFFNESS = 0.3, 0.01
 ORDER = 4  # of the series for damping that couples modes
 AT_ONCE = 16  # slopes that are projected together
+ACROSS = 2e-4  # of a sensor's gain: 2 % of transverse sensitivity, and 1 % of the motion is across
+BENT = 5e-4  # of a mass: joints that rub bend the shapes of modes, other than stiffness that couples them does
+DECLARED = 8.0  # degrees of freedom of a declared standard uncertainty, reliable to a quarter (GUM, eq. G.3)
 LEAST_SIZE = 1e-9  # of a residual, relative to the floors' motion
 
 
@@ -123,43 +128,60 @@ def ripple_prior(table: Model, dt_s: float) -> float:
 
 def calibrate(
     motions: Sequence[Motion], dt_s: float, masses_kg: Array, channels: Sequence[Channel], low_hz: float, start: Start,
-    priors: Priors,
+    priors: Priors, high_hz: float = np.inf,
 ) -> Calibration:  # fmt: skip
     """Return the calibration of `fitted`."""
-    return fitted(motions, dt_s, masses_kg, channels, low_hz, start, priors).calibration
+    return fitted(motions, dt_s, masses_kg, channels, low_hz, start, priors, high_hz).calibration
 
 
 def fitted(
     motions: Sequence[Motion], dt_s: float, masses_kg: Array, channels: Sequence[Channel], low_hz: float, start: Start,
-    priors: Priors,
+    priors: Priors, high_hz: float = np.inf,
 ) -> Fitted:  # fmt: skip
     """Return the chain with its sensors that motions of table and floors show, in declared units, without the
     staircase's alias.
 
-    `masses_kg` (n,) are the weighed masses, lines from `low_hz` up are used. The random error is widened by the Birge
-    ratio of stretches, as that of the specimen.
+    `masses_kg` (n,) are the weighed masses, lines from `low_hz` to the end of the excited band `high_hz`, or to
+    ABOVE_HIGHEST times the highest natural frequency, are used. The random error is widened by the Birge ratio of
+    stretches, as that of the specimen.
     """
     highest = ABOVE_HIGHEST * float(modal(masses_kg, start.stiffness_n_per_m)[0][-1]) / (2.0 * np.pi)
+    highest = min(highest, high_hz)
     corners = 2.0 * np.pi * np.array([channel.high_pass_hz for channel in channels])
     problem = Problem(
         tuple(transform(motion, dt_s, (low_hz, highest)) for motion in motions), np.asarray(masses_kg, dtype=float),
         corners, priors, coupling_modes(np.asarray(masses_kg, dtype=float), start.stiffness_n_per_m),
     )  # fmt: skip
-    at = np.concatenate([np.log(start.stiffness_n_per_m), np.log(start.damping_ratio), np.zeros(problem.free.size)])
-    size = problem.size(at)
+    chain = np.log(np.concatenate([start.stiffness_n_per_m, start.damping_ratio]))
+    problem, at = replace(problem, start=chain), np.concatenate([chain, np.zeros(problem.free.size)])
     for _ in range(ROUNDS):
-        weighted = replace(problem, unit=size)
-        found = least_squares(weighted.posterior, at, TOLERANCE, reach=weighted.reach)
-        at, before, size = found.parameters, size, problem.size(found.parameters)
-        if abs(size - before) < SETTLED * before:
-            break
+        problem = replace(problem, sizes=problem.sizes_at(at))
+        found = least_squares(problem.posterior, at, TOLERANCE, reach=problem.reach)
+        at = found.parameters
+    gain, mass = (_spread(problem, found, kind) for kind in (problem.gains, problem.masses))
+    problem, at = problem.with_spreads(at, gain.factor, mass.factor)
+    found = least_squares(problem.posterior, at, TOLERANCE, reach=problem.reach)
     spread = covariance(found.slopes, 1.0)
+    to_go = _to_go(problem, found, spread)
+    widened = _scatter(problem, motions, dt_s, (low_hz, highest), found.parameters)
+    spread = spread @ problem.spread_of_pull(found, widened) @ spread
+    return Fitted(problem, found.parameters, spread, to_go, gain, mass)
+
+
+def _to_go(problem: Problem, found: Solution, spread: Array) -> float:
+    """Return by how much half of the sum of squares falls still, by Gauss-Newton steps of several lengths.
+
+    What a step is expected to bring is enough where it is little. Along a storey that is not seen a long step is
+    expected to bring much, and brings nothing.
+    """
     steepest = found.slopes @ found.residual
-    to_go = 0.5 * float(steepest @ spread @ steepest)
-    widened = _scatter(problem, motions, dt_s, (low_hz, highest), at)
-    if widened > 1.0:
-        spread = covariance(replace(problem, unit=widened * size).posterior(at)[1], 1.0)
-    return Fitted(problem, at, spread, to_go)
+    expected = 0.5 * float(steepest @ spread @ steepest)
+    if expected <= SETTLED:
+        return expected
+    step = -spread @ steepest
+    step *= min(1.0, float(np.min(problem.reach / np.maximum(np.abs(step), problem.reach))))
+    ends = [problem.posterior(found.parameters + share * step)[0] for share in SHARES]
+    return max(0.0, *(0.5 * (float(found.residual @ found.residual) - float(end @ end)) for end in ends))
 
 
 def calibrated(channels: Sequence[Channel], found: Calibration) -> tuple[Channel, ...]:
@@ -195,12 +217,35 @@ class Problem:
     corners: Array  # (c,) rad/s
     priors: Priors
     beside: Array  # (k, n, n) N/m, of `coupling_modes`
-    unit: float = 1.0  # size of a residual
+    sizes: tuple[Array, ...] = ()  # (n, m) of residuals for each set of lines; (): 1
+    start: Array | None = None  # (2 n,) of the chain's parameters, which they leave by no more than their reach
 
     @property
     def free(self) -> Integers:
         """Return the places of the priors that are not zero."""
         return np.flatnonzero(self.priors.sizes)
+
+    @property
+    def gains(self) -> Integers:
+        """Return the places of the gains that are free among the parameters."""
+        return self._places(0, len(self.corners))
+
+    @property
+    def masses(self) -> Integers:
+        """Return the places of the masses that are free among the parameters."""
+        first = 3 * len(self.corners)
+        return self._places(first, first + len(self.masses_kg))
+
+    def _places(self, first: int, last: int) -> Integers:
+        return 2 * len(self.masses_kg) + np.flatnonzero((self.free >= first) & (self.free < last))
+
+    def with_spreads(self, at: Array, gain: float, mass: float) -> tuple[Problem, Array]:
+        """Return the problem with priors of gains and masses that are larger by factors, and its parameters."""
+        scaled = at.copy()
+        scaled[self.gains] /= gain
+        scaled[self.masses] /= mass
+        priors = replace(self.priors, gain=gain * self.priors.gain, mass=mass * self.priors.mass)
+        return replace(self, priors=priors), scaled
 
     @property
     def reach(self) -> Array:
@@ -226,25 +271,21 @@ class Problem:
         )
 
     def residual(self, at: Array) -> Array:
-        """Return the residual (m,) of the samples."""
-        masses_kg, theta, n = self._masses_kg(at), self._chain(at), len(self.masses_kg)
-        each = []
-        for moved, floors in self._without_sensors(at):
-            seen = residual_of(moved, masses_kg, theta, self.beside).view(complex).reshape(n, -1) * floors
-            each.append(np.ascontiguousarray(seen).reshape(-1).view(float))
-        return np.concatenate(each)
+        """Return the residual (m,) of the samples in its sizes."""
+        masses_kg, theta = self._masses_kg(at), self._chain(at)
+        return np.concatenate(
+            [residual_of(moved, masses_kg, theta, self.beside) for moved, _ in self.without_sensors(at)]
+        )
 
     def evaluated(self, at: Array) -> tuple[Array, Array]:
-        """Return the residual (m,) of the samples and its slopes (2 n + k, m) by stiffnesses, damping ratios and the
-        stiffness that couples modes."""
-        masses_kg, theta, n = self._masses_kg(at), self._chain(at), len(self.masses_kg)
-        coupled, each = self.values(at)[5], []
-        for moved, floors in self._without_sensors(at):
-            left, slopes = evaluated([moved], masses_kg, theta, self.beside)
+        """Return the residual (m,) of the samples in its sizes and its slopes (2 n + k, m) by stiffnesses, damping
+        ratios and the stiffness that couples modes."""
+        masses_kg, theta, coupled, each = self._masses_kg(at), self._chain(at), self.values(at)[5], []
+        for moved, _ in self.without_sensors(at):
+            left, slopes = without_time(evaluated([moved], masses_kg, theta, self.beside))
             if coupled.any():
-                slopes[:-1] += self._by_damping_of_another_chain(moved, masses_kg, theta, coupled)
-            seen = np.vstack([left, slopes[:-1]]).view(complex).reshape(len(slopes), n, -1) * floors
-            each.append(np.ascontiguousarray(seen).reshape(len(slopes), -1).view(float))
+                slopes += self._by_damping_of_another_chain(moved, masses_kg, theta, coupled)
+            each.append(np.vstack([left, slopes]))
         both = np.hstack(each)
         return both[0], both[1:]
 
@@ -256,64 +297,101 @@ class Problem:
         """Return the masses (n,)."""
         return np.asarray(self.masses_kg * np.exp(self.values(at)[3]))
 
-    def _without_sensors(self, at: Array) -> Iterator[tuple[Lines, ComplexArray]]:
-        """Yield the lines as the table and the floors moved, without what damping that couples modes adds, and the
-        floors' sensors (n, m) in whose signals a residual is judged."""
+    def without_sensors(self, at: Array) -> Iterator[tuple[Lines, ComplexArray]]:
+        """Yield the lines as the table and the floors moved, without what damping that couples modes adds; a residual
+        is judged in the signals of the floors' sensors, in its sizes. The second is the floors (n, m) with it."""
         gain, coupling, late_s, _, ripple, coupled, _ = self.values(at)
-        for part in self.lines:
+        for place, part in enumerate(self.lines):
             sensors = _responses(part.s, self.corners, gain, coupling, late_s - late_s[0])  # a common lag is unseen
             table = part.table if part.staircase is None else part.table - ripple * part.staircase
-            moved = Lines(part.s, table / sensors[0], part.floors / sensors[1:])
+            weight = sensors[1:] / self.sizes[place] if self.sizes else sensors[1:]
+            shown = part.floors / sensors[1:]
+            moved = Lines(part.s, table / sensors[0], shown, weight=weight)
             if coupled.any():
                 further = self._by_damping(moved, self._masses_kg(at), self._chain(at), coupled)
-                moved = replace(moved, floors=moved.floors - further)
-            yield moved, sensors[1:]
+                moved = replace(moved, floors=shown - further)
+            yield moved, shown
 
-    def size(self, at: Array) -> float:
-        """Return the rms of the residual, at least LEAST_SIZE of the floors' motion."""
-        left = self.residual(at)
-        return max(float(np.sqrt(np.mean(left**2))), LEAST_SIZE / np.sqrt(left.size))
+    def sizes_at(self, at: Array) -> tuple[Array, ...]:
+        """Return the sizes (n, m) of the residuals of each set of lines: of each floor, the rms of LINES lines."""
+        left, n, found, start = replace(self, sizes=()).residual(at), len(self.masses_kg), [], 0
+        for part in self.lines:
+            end = start + 2 * n * len(part.s)
+            squares = np.sum(left[start:end].reshape(n, -1, 2) ** 2, axis=2) / 2.0
+            found.append(np.sqrt(np.maximum(_moving_mean(squares, LINES), (LEAST_SIZE / np.sqrt(left.size)) ** 2)))
+            start = end
+        return tuple(found)
+
+    def spread_of_pull(self, found: Solution, widened: float = 1.0) -> Array:
+        """Return the covariance (p, p) of the pull of residuals, `widened` times as large, and priors on the
+        parameters.
+
+        The pulls of different lines are independent, those of the floors at a line are not (H. White, Econometrica 48,
+        1980, 817: no assumption on the sizes of residuals).
+        """
+        pulls, start, n = [], 0, len(self.masses_kg)
+        for part in self.lines:
+            end = start + 2 * n * len(part.s)
+            each = found.slopes[:, start:end] * found.residual[start:end]
+            pulls.append(each.reshape(len(each), n, -1, 2).sum(axis=(1, 3)))
+            start = end
+        pull, priors = widened * np.hstack(pulls), found.slopes[:, start:]
+        return np.asarray(pull @ pull.T + priors @ priors.T)
 
     def posterior(self, at: Array) -> tuple[Array, Array]:
-        """Return residuals in their unit and deviations from the priors, with their slopes."""
+        """Return residuals in their sizes and deviations from the priors, with their slopes.
+
+        The chain has priors as wide as its reach, so that a storey too stiff to be seen stays where it starts.
+        """
         n, free, all_of = 2 * len(self.masses_kg), self.free.size, self.priors.sizes.size
         left, slopes = self.evaluated(at)
         rows = np.empty((n + free, left.size))
         rows[:n] = slopes[:n]
-        first, last = 3 * len(self.corners), 3 * len(self.corners) + len(self.masses_kg)
-        of_masses = (self.free >= first) & (self.free < last)
-        of_stiffness = self.free >= all_of - len(self.beside)
-        rows[n + np.flatnonzero(of_stiffness)] = COUPLED_STIFFNESS * slopes[n:]
-        others = ~(of_masses | of_stiffness)
-        for place in n + np.flatnonzero(of_masses):
+        stiffer = n + np.flatnonzero(self.free >= all_of - len(self.beside))
+        rows[stiffer] = COUPLED_STIFFNESS * slopes[n:]
+        masses = self.masses
+        others = np.setdiff1d(np.arange(n, n + free), np.concatenate([masses, stiffer]))
+        for place in masses:
             step = np.zeros(n + free)
             step[place] = STEP
             rows[place] = (self.residual(at + step) - self.residual(at - step)) / (2.0 * STEP)
-        self._by_sensors(at, self.free[others], n + np.flatnonzero(others), rows)
-        of_priors = np.hstack([np.zeros((free, n)), np.eye(free)]).T
-        rows /= self.unit
+        rows[masses] = self._without_linear_terms(at, rows[masses])
+        self._by_lines(at, self.free[others - n], others, rows)
+        size = np.concatenate([reach_of(len(self.masses_kg)), np.ones(free)])
+        middle = np.concatenate([at[:n] if self.start is None else self.start, np.zeros(free)])
         taken, by_taken = self.taken(at)
-        return np.concatenate([left / self.unit, at[n:], [taken]]), np.hstack([rows, of_priors, by_taken[:, None]])
+        return (
+            np.concatenate([left, (at - middle) / size, [taken]]),
+            np.hstack([rows, np.diag(1.0 / size), by_taken[:, None]]),
+        )
 
-    def _by_sensors(self, at: Array, parameters: Integers, places: Integers, rows: Array) -> None:
+    def _without_linear_terms(self, at: Array, values: Array) -> Array:
+        """Return changes (k, m) of the residual without what the linear terms can make of them."""
+        masses_kg, theta, n, start, each = self._masses_kg(at), self._chain(at), len(self.masses_kg), 0, []
+        for moved, _ in self.without_sensors(at):
+            end = start + 2 * n * len(moved.s)
+            floors = values[:, start:end].view(complex).reshape(len(values), n, len(moved.s)) / moved.weight
+            still = np.zeros((len(values), len(moved.s)), dtype=complex)
+            each.append(residual_change(moved, masses_kg, theta, self.beside, still, floors))
+            start = end
+        return np.hstack(each)
+
+    def _by_lines(self, at: Array, parameters: Integers, places: Integers, rows: Array) -> None:
         """Write the residual's slopes (k, m) by parameters (k,) other than chain, masses and stiffness that couples
         modes to places of `rows`.
 
         The residual is linear in the lines, so that it changes as theirs do by what the sensors change in them.
         """
-        if not len(parameters):
-            return
         masses_kg, theta, n, start = self._masses_kg(at), self._chain(at), len(self.masses_kg), 0
-        for part, (moved, floors) in zip(self.lines, self._without_sensors(at), strict=True):
+        for part, (moved, shown) in zip(self.lines, self.without_sensors(at), strict=True):
             end = start + 2 * n * len(part.s)
-            left = residual_of(moved, masses_kg, theta, self.beside).view(complex).reshape(n, -1)
-            for some in np.array_split(np.arange(len(parameters)), max(-(-len(parameters) // AT_ONCE), 1)):
+            left = residual_of(moved, masses_kg, theta, self.beside).view(complex).reshape(n, -1) / moved.weight
+            for first in range(0, len(parameters), AT_ONCE):
+                some = slice(first, first + AT_ONCE)
                 changes = [self._change(at, part, moved, int(parameter)) for parameter in parameters[some]]
                 tables, added, logs = (np.array(each) for each in zip(*changes, strict=True))
-                of_floors = added - logs * (part.floors / floors)
-                found = residual_change(moved, masses_kg, theta, self.beside, tables, of_floors)
-                found = (found.view(complex).reshape(len(some), n, -1) + left * logs) * floors
-                rows[places[some], start:end] = found.reshape(len(some), -1).view(float)
+                of_floors = added + logs * (left - shown)
+                rows[places[some], start:end] = residual_change(moved, masses_kg, theta, self.beside, tables, of_floors)
             start = end
 
     def _change(
@@ -429,7 +507,7 @@ def _scatter(
     """Return by what factor stretches scatter about the common solution more than their own errors predict, at least 1.
 
     It is the Birge ratio of all that a stretch shows better than the priors do: the pulls of the stretches' residuals
-    along the eigenvectors of their information, which for errors of the stated size have the mean square 1.
+    along the eigenvectors of their information over what their lines predict of them.
     """
     omega = modal(problem.masses_kg, np.exp(at[: len(problem.masses_kg)]))[0]
     least = least_samples(omega / (2.0 * np.pi), dt_s, band_hz[0])
@@ -437,31 +515,71 @@ def _scatter(
     pieces = [piece for piece in pieces if piece.shows_floors]
     if len(pieces) < 2:
         return 1.0
-    total, count = 0.0, 0
+    each = []
     for piece in pieces:
-        part = replace(problem, lines=(transform(piece, dt_s, band_hz),))
-        left, slopes = replace(part, unit=part.size(at)).posterior(at)
-        data = slice(0, left.size - problem.free.size - 1)
-        information, directions = np.linalg.eigh(slopes[:, data] @ slopes[:, data].T)
-        shown = information > SHOWN
-        total += float(np.sum((directions[:, shown].T @ (slopes[:, data] @ left[data])) ** 2 / information[shown]))
-        count += int(shown.sum())
-    return float(np.sqrt(max(total / max(count * (1.0 - 1.0 / len(pieces)), 1.0), 1.0)))
+        part = replace(problem, lines=(transform(piece, dt_s, band_hz),), sizes=())
+        part = replace(part, sizes=part.sizes_at(at))
+        residual, slopes = (of[..., : part.lines[0].floors.size * 2] for of in part.posterior(at))  # without priors
+        information, directions = np.linalg.eigh(slopes @ slopes.T)
+        shown = directions[:, information > SHOWN]
+        predicted = np.sum(shown * (part.spread_of_pull(Solution(at, residual, slopes)) @ shown), axis=0)
+        each.append((shown.T @ (slopes @ residual)) ** 2 / predicted)
+    mean = float(np.mean(np.concatenate(each))) / (1.0 - 1.0 / len(pieces))
+    return float(np.sqrt(max(mean, 1.0)))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far sensors (or masses) differ from each other, measured by what is declared of them.
+
+    `factor`: by how much their standard uncertainty is larger than declared; `chance`: probability that declared ones
+    differ as much or more.
+    """
+
+    factor: float
+    chance: float
+
+
+def _spread(problem: Problem, found: Solution, places: Integers) -> Spread:
+    """Return the spread of the parameters at `places`, which count in standard uncertainties of their priors.
+
+    What the record shows of them, all but their common part, tells how far the declared uncertainty can be relied on;
+    it is itself uncertain, as one from DECLARED degrees of freedom. The most probable factor by the evidence (D.J.C.
+    MacKay, Neural Computation 4, 1992, 415, eq. 4.8, with a prior for the factor).
+    """
+    from scipy.stats import chi2
+
+    if not len(places):
+        return Spread(1.0, 1.0)
+    squares = float(np.sum(found.parameters[places] ** 2))
+    shown = len(places) - float(np.trace(covariance(found.slopes, 1.0)[np.ix_(places, places)]))
+    if shown < 0.5:
+        return Spread(1.0, 1.0)
+    return Spread(float(np.sqrt((DECLARED + squares) / (DECLARED + shown))), float(chi2.sf(squares, shown)))
+
+
+def _moving_mean(values: Array, count: int) -> Array:
+    """Return the means of up to `count` values (..., m) about each, fewer at the ends."""
+    m, half = values.shape[-1], count // 2
+    sums = np.cumsum(np.concatenate([np.zeros((*values.shape[:-1], 1)), values], axis=-1), axis=-1)
+    first, last = np.maximum(np.arange(m) - half, 0), np.minimum(np.arange(m) + half + 1, m)
+    return np.asarray((sums[..., last] - sums[..., first]) / (last - first))
 
 
 @dataclass(frozen=True)
 class Fitted:
     """A chain with its sensors as fitted: the most probable parameters (p,) and their covariance (p, p).
 
-    `to_go`: by how much a Gauss-Newton step expects half of the sum of squares to fall still, 0 at its minimum; 0.5 is
-    a step of one standard uncertainty. Where some parameters are seen a million times better than others, the iteration
-    may end before the others have settled.
+    `to_go`: by how much half of the sum of squares falls still by a Gauss-Newton step, 0 at its minimum; 0.5 is a step
+    of one standard uncertainty.
     """
 
     problem: Problem
     at: Array
     spread: Array
     to_go: float
+    gain_spread: Spread = Spread(1.0, 1.0)
+    mass_spread: Spread = Spread(1.0, 1.0)
 
     @property
     def settled(self) -> bool:
@@ -472,8 +590,11 @@ class Fitted:
     def calibration(self) -> Calibration:
         """Return gains, corners, lags and masses with their covariance, also of those that are as declared."""
         gain, coupling, late_s, mass, *_ = self.problem.values(self.at)
-        shown = 3 * len(self.problem.corners) + len(self.problem.masses_kg)
-        spread = self._covariance[:shown, :shown]
+        shown, priors = 3 * len(self.problem.corners) + len(self.problem.masses_kg), self.problem.priors
+        spread, c = self._covariance[:shown, :shown], len(gain)
+        systematic = np.concatenate([np.full(c, ACROSS**2), np.zeros(2 * c), np.full(shown - 3 * c, BENT**2)])
+        left = priors.sizes[:shown] ** 2 - spread.diagonal()  # a record makes nothing less certain than declared
+        spread[range(shown), range(shown)] += np.clip(left, 0.0, systematic)
         return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), spread)
 
     @property

@@ -26,18 +26,26 @@ from rths_cli.numerics.lti import Array, ComplexArray
 from rths_cli.structure import Specimen, above_rounding, modal_damping_matrix, storey_matrix
 
 ROUNDING = float(np.finfo(float).eps)
-LOST = 1e-12  # smaller singular values of the linear terms' normal equations, relative to the largest, count as zero
+LOST = 1e-12  # smaller singular values of the linear terms, relative to the largest, count as zero
 
 
 @dataclass(frozen=True)
 class Lines:
     """Fourier lines s (m,) in rad/s of the accelerations of table (m,) and floors (n, m), and of the table's staircase
-    (m,) where it is known."""
+    (m,) where it is known.
+
+    `weight` (n, m): by what residuals of the floors are multiplied before their squares are summed; None: 1.
+    """
 
     s: ComplexArray
     table: ComplexArray
     floors: ComplexArray
     staircase: ComplexArray | None = None
+    weight: ComplexArray | None = None
+
+    def weighted(self, values: ComplexArray) -> ComplexArray:
+        """Return values (..., n, m) of the floors times their weight."""
+        return values if self.weight is None else values * self.weight
 
 
 def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
@@ -46,10 +54,14 @@ def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
 
 
 def modes_of(masses_kg: Array, K: Array) -> tuple[Array, Array]:
-    """Return the same of a stiffness matrix (n, n)."""
+    """Return the same of a stiffness matrix (n, n).
+
+    The top floor, which no mode of a chain leaves at rest, moves to the positive side in all shapes: what couples two
+    modes changes its sign with the shape of either.
+    """
     root = np.sqrt(masses_kg)
     eigenvalues, shapes = np.linalg.eigh(K / np.outer(root, root))
-    return np.sqrt(above_rounding(eigenvalues)), shapes / root[:, None]
+    return np.sqrt(above_rounding(eigenvalues)), np.where(shapes[-1] < 0.0, -1.0, 1.0) * shapes / root[:, None]
 
 
 def frequency_slopes(omega: Array, shapes: Array, stiffness_n_per_m: Array) -> Array:
@@ -83,7 +95,7 @@ def without_time(both: tuple[Array, Array]) -> tuple[Array, Array]:
 
 def residual_of(lines: Lines, masses_kg: Array, theta: Array, beside: Array | None = None) -> Array:
     """Return the residual (2 n m,) of one set of lines as `evaluated` does, without its slopes, much faster."""
-    return _Response(lines, masses_kg, theta, beside).residual
+    return ChainResponse(lines, masses_kg, theta, beside).residual
 
 
 def residual_change(
@@ -91,14 +103,14 @@ def residual_change(
 ) -> Array:
     """Return the changes (k, 2 n m) of `residual_of`, which is linear in the lines, by those of the table's lines
     (k, m) and of the floors' (k, n, m)."""
-    at = _Response(lines, masses_kg, theta, beside)
-    left = floors - at.shapes @ (at.participation * at.through * tables[:, None])
-    return _without(parts(left).reshape(len(floors), -1), at.columns)[0]
+    at = ChainResponse(lines, masses_kg, theta, beside)
+    left = lines.weighted(floors - at.shapes @ (at.participation * at.through * tables[:, None]))
+    return at.without_linear_terms(parts(left).reshape(len(floors), lines.floors.size * 2))
 
 
 def _evaluated(lines: Lines, masses_kg: Array, theta: Array, beside: Array | None) -> tuple[Array, Array]:
     """Return the residual (2 n m,) of one set of lines and its slopes (2 n + k + 1, 2 n m)."""
-    at = _Response(lines, masses_kg, theta, beside)
+    at = ChainResponse(lines, masses_kg, theta, beside)
     s, omega, carried = lines.s, at.omega, at.carried
     free = (at.found[: 2 * len(omega)] / at.size).reshape(2, len(omega), 1)
     moved = at.participation * carried + np.sum(free * at.state, axis=0)
@@ -108,15 +120,17 @@ def _evaluated(lines: Lines, masses_kg: Array, theta: Array, beside: Array | Non
     if beside is not None:
         changes = np.dstack([changes, np.einsum("iq,kij,jr->qrk", at.shapes, beside, at.shapes)])
     weights = _weights(masses_kg, changes, at.ratios, omega, at.shapes)
-    slopes = -(weights @ basis).reshape(len(theta) + 1, -1)
-    return at.residual, _without(slopes, at.columns)[0]
+    slopes = -(weights @ basis).reshape(len(theta) + 1, len(omega), -1)
+    if lines.weight is not None:
+        slopes = parts(slopes.view(complex) * lines.weight)
+    return at.residual, at.without_linear_terms(slopes.reshape(len(theta) + 1, -1))
 
 
-class _Response:
+class ChainResponse:
     """The modes (n,) of a chain with what stiffness is beside it, their response at lines (m,), and what it leaves of
     the floors' lines.
 
-    `residual` (2 n m,); `columns` and `found` are the linear terms and their factors.
+    `residual` (2 n m,); `found` are the factors of the linear terms.
     """
 
     def __init__(self, lines: Lines, masses_kg: Array, theta: Array, beside: Array | None) -> None:
@@ -129,10 +143,15 @@ class _Response:
         self.through = given * self.under
         self.carried = self.through * lines.table
         self.state = np.stack([(omega**2)[:, None] * self.under, omega[:, None] * s * self.under])
-        left = lines.floors - self.shapes @ (self.participation * self.carried)
-        self.columns, self.size = _linear_terms(self.state, self.shapes, omega[0] / s)
-        residual, found = _without(parts(left).reshape(1, -1), self.columns)
-        self.residual, self.found = residual[0], found[0]
+        left = lines.weighted(lines.floors - self.shapes @ (self.participation * self.carried))
+        terms, self.size = _linear_terms(self.state, self.shapes, omega[0] / s, lines.weight)
+        self.directions, self.by_direction = orthonormal_rows(terms)
+        found = self.directions @ parts(left).reshape(-1)
+        self.residual, self.found = parts(left).reshape(-1) - found @ self.directions, found @ self.by_direction
+
+    def without_linear_terms(self, values: Array) -> Array:
+        """Return values (k, 2 n m) without what the linear terms can make of them."""
+        return np.asarray(values - (values @ self.directions.T) @ self.directions)
 
 
 def modes_with(masses_kg: Array, theta: Array, beside: Array | None) -> tuple[Array, Array]:
@@ -142,24 +161,35 @@ def modes_with(masses_kg: Array, theta: Array, beside: Array | None) -> tuple[Ar
     return modes_of(masses_kg, K if beside is None else K + np.tensordot(theta[2 * n :], beside, axes=1))
 
 
-def _linear_terms(state: ComplexArray, shapes: Array, drift: ComplexArray) -> tuple[Array, Array]:
+def _linear_terms(
+    state: ComplexArray, shapes: Array, drift: ComplexArray, weight: ComplexArray | None
+) -> tuple[Array, Array]:
     """Return the rows (3 n, 2 n m) of the linear terms, scaled to length 1, and the original lengths of the first 2 n.
 
     The first 2 n rows belong to the states at both ends of the stretch, the others to a slow drift of each floor's
     channel.
     """
     n = len(shapes)
-    of_modes = shapes.T[None, :, :, None] * parts(state)[:, :, None, :]
-    of_floors = np.eye(n)[:, :, None] * parts(drift)
+    if weight is None:
+        of_modes = shapes.T[None, :, :, None] * parts(state)[:, :, None, :]
+        of_floors = np.eye(n)[:, :, None] * parts(drift)
+    else:
+        of_modes = parts(shapes.T[None, :, :, None] * state[:, :, None, :] * weight)
+        of_floors = parts(np.eye(n)[:, :, None] * drift * weight)
     rows = np.concatenate([of_modes.reshape(2 * n, -1), of_floors.reshape(n, -1)])
     size = np.sqrt(np.sum(rows**2, axis=1))
     return np.asarray(rows / size[:, None]), np.asarray(size[: 2 * n])
 
 
-def _without(values: Array, rows: Array) -> tuple[Array, Array]:
-    """Return values (k, m) minus their projection on rows (p, m) of length 1, and the projection's factors (k, p)."""
-    found = np.linalg.lstsq(rows @ rows.T, rows @ values.T, rcond=LOST)[0].T.astype(float)
-    return values - found @ rows, found
+def orthonormal_rows(rows: Array) -> tuple[Array, Array]:
+    """Return orthonormal rows (q, m) that span the rows (p, m), which may depend on each other, and how the rows make
+    them (q, p)."""
+    from scipy.linalg import qr
+
+    orthonormal, triangle = qr(rows.T, mode="economic", check_finite=False)
+    left, values, right = np.linalg.svd(triangle)
+    kept = values > LOST * values[0]
+    return (orthonormal @ left[:, kept]).T, right[kept] / values[kept, None]
 
 
 def _weights(masses_kg: Array, changes: Array, ratios: Array, omega: Array, shapes: Array) -> Array:

@@ -8,21 +8,21 @@ from rths_cli.identification.pitch import pitch
 from rths_cli.identification.sensor_calibration import Priors, fitted
 from rths_cli.identification.specimen_fit import Motion, Start
 
-MASSES = {1: [6.9], 2: [6.91, 6.95], 3: [6.91, 6.95, 4.2]}
-STIFFNESS = {1: [7000.0], 2: [7331.56, 7376.40], 3: [9000.0, 7376.40, 5200.0]}
-DT_S, SECONDS = 0.01, 120.0
+MASSES = {1: [6.9], 2: [6.91, 6.95], 3: [6.91, 6.95, 4.2], 6: [2.0] * 6}
+STIFFNESS = {1: [7000.0], 2: [7331.56, 7376.40], 3: [9000.0, 7376.40, 5200.0], 6: [2500.0] * 6}
+DT_S, SECONDS, HIGHEST_HZ = 0.01, 120.0, 16.0
 
 
 def rising(count):
     return np.arange(1.0, count + 1.0)
 
 
-def motion(count, rocking, heights, noise=1e-3, seed=5, ties=0.0, dashpots=0.0):
+def motion(count, rocking, heights, noise=1e-3, seed=5, ties=0.0, dashpots=0.0, seconds=SECONDS):
     """Return what a table in 400 sines and its floors show: floors of a chain whose base pitches so that the top floor
     moves by `rocking` m per N on it. `ties` in N/m is a spring from the table to the top floor, `dashpots` (n,) in
     N s/m stand beside damping that is proportional to the stiffness."""
     random = np.random.default_rng(seed)
-    hz = np.sort(random.uniform(0.4, 16.0, 400))
+    hz = np.sort(random.uniform(0.4, HIGHEST_HZ, 400))
     s = 2j * np.pi * hz
     lines = random.uniform(0.5, 1.0, 400) * np.exp(2j * np.pi * random.random(400)) / 10.0
     drifts = np.eye(count) - np.eye(count, k=-1)
@@ -33,7 +33,7 @@ def motion(count, rocking, heights, noise=1e-3, seed=5, ties=0.0, dashpots=0.0):
     K = np.linalg.inv(np.linalg.inv(K) + rocking * np.outer(up, up))
     ones = M @ np.ones(count)
     floors = np.array([1.0 - at**2 * np.linalg.solve(at**2 * M + at * C + K, ones) for at in s]).T
-    basis = np.exp(np.outer(s, np.arange(round(SECONDS / DT_S)) * DT_S))
+    basis = np.exp(np.outer(s, np.arange(round(seconds / DT_S)) * DT_S))
     signals = (np.vstack([lines, lines * floors]) @ basis).real
     signals += noise * random.standard_normal(signals.shape)
     return Motion(signals[0], signals[1:])
@@ -41,12 +41,17 @@ def motion(count, rocking, heights, noise=1e-3, seed=5, ties=0.0, dashpots=0.0):
 
 def pitch_of(seen, heights=None, gain=0.01, mass=0.003):
     """Return what is found of a base, gains and masses of these uncertainties."""
+    return pitch(chain_of(seen, gain, mass), heights)
+
+
+def chain_of(seen, gain=0.01, mass=0.003):
+    """Return the chain that is fitted with gains and masses of these uncertainties."""
     count = len(seen.floors)
     channels = rig_info().channels[:1] * (count + 1)
     start = Start(1.02 * np.array(STIFFNESS[count]), np.full(count, 0.04))
     every = np.ones(count + 1)
     priors = Priors(gain * every, 1e-3 * every, 1e-6 * every, np.full(count, mass))
-    return pitch(fitted([seen], DT_S, np.array(MASSES[count]), channels, 0.5, start, priors), heights)
+    return fitted([seen], DT_S, np.array(MASSES[count]), channels, 0.5, start, priors, HIGHEST_HZ)
 
 
 @pytest.mark.parametrize("count", [2, 3])
@@ -69,8 +74,8 @@ def test_stated_heights_count():
     heights = np.array([1.0, 1.4, 3.0])
     seen = motion(3, 2e-6, heights)
     told, untold = pitch_of(seen, np.diff(heights, prepend=0.0)), pitch_of(seen)
-    assert told.flexibility_m_per_n == pytest.approx(2e-6, rel=0.03)
-    assert abs(untold.flexibility_m_per_n - 2e-6) > 3.0 * abs(told.flexibility_m_per_n - 2e-6)
+    assert told.flexibility_m_per_n == pytest.approx(2e-6, rel=0.04)
+    assert untold.error_m_per_n > 3.0 * told.error_m_per_n  # couplings of other heights do not fit
     assert abs(untold.flexibility_m_per_n - 2e-6) < 2.0 * untold.error_m_per_n  # widened by what is left
 
 
@@ -103,6 +108,21 @@ def test_unequal_dampers_are_not_taken_for_a_base_or_masses(dashpots):
 def test_sensors_or_masses_taken_as_exact_leave_no_statement():
     seen = motion(2, 2e-6, rising(2))
     assert pitch_of(seen, gain=0.0) is None and pitch_of(seen, mass=0.0) is None
+
+
+def test_six_floors_with_unequal_dampers_settle_at_their_masses():
+    """Eigenvectors of either sign made what couples modes jump, and the fit stop with masses that were 1 % off."""
+    found = chain_of(motion(6, 0.0, rising(6), noise=1e-4, dashpots=(9.0, 1.0, 4.0, 1.0, 1.0, 1.0)))
+    assert found.settled
+    assert found.calibration.mass == pytest.approx(np.ones(6), abs=1e-3)
+
+
+def test_a_storey_too_stiff_to_be_seen_settles(monkeypatch):
+    """Its stiffness and the damping of its mode may be almost anything, which says nothing of sensors and masses."""
+    monkeypatch.setitem(STIFFNESS, 3, [9000.0, 7376.40, 1e10])
+    found = chain_of(motion(3, 0.0, rising(3), noise=1e-4, seconds=30.0))
+    assert found.settled
+    assert found.calibration.gain == pytest.approx(np.ones(4), abs=1e-3)
 
 
 def test_a_fit_that_has_not_settled_leaves_no_statement(monkeypatch):

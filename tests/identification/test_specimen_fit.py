@@ -261,3 +261,29 @@ def test_several_motions_are_fitted_together() -> None:
     assert four.residual == pytest.approx(one.residual, rel=0.15)
     assert np.all(np.abs(four.natural_frequency_hz - [3.2, 8.4]) < 4.0 * four.frequency_error_hz)
     assert np.all(np.abs(four.damping_ratio - [0.043, 0.039]) < 4.0 * four.damping_error)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_top_floor_moves_to_the_positive_side_in_all_shapes(seed) -> None:
+    """What couples two modes changes its sign with either shape, so that no fit may meet both signs of one."""
+    random = np.random.default_rng(seed)
+    n = int(random.integers(2, 9))
+    masses, stiffness = random.uniform(1.0, 9.0, n), random.uniform(1e3, 1e5, n)
+    omega, shapes = room.modal(masses, stiffness)
+    assert np.all(shapes[-1] > 0.0)
+    drifts = np.eye(n) - np.eye(n, k=-1)
+    K = drifts.T @ np.diag(stiffness) @ drifts
+    assert K @ shapes == pytest.approx(masses[:, None] * shapes * omega**2, abs=1e-9 * K.max())
+
+
+def test_linear_terms_that_depend_on_each_other_are_taken_out_once() -> None:
+    """Nearly dependent rows, by one part in 1e9, still span two directions; equal ones span one."""
+    random = np.random.default_rng(1)
+    first, second, values = random.standard_normal((3, 400))
+    near = np.vstack([first, first + 1e-9 * second])
+    directions, made = room.orthonormal_rows(near)
+    assert directions @ directions.T == pytest.approx(np.eye(2), abs=1e-12)
+    assert made @ near == pytest.approx(directions, abs=1e-6)
+    left = values - (directions @ values) @ directions
+    assert np.abs([left @ first, left @ second]).max() < 1e-5 * np.linalg.norm(left) * np.linalg.norm(first)
+    assert len(room.orthonormal_rows(np.vstack([first, first]))[0]) == 1

@@ -74,20 +74,26 @@ def test_a_stiff_storey_whose_free_vibration_dies_at_once(rate_hz: float, tmp_pa
 
 def test_a_stiff_floor_that_moves_by_three_bits_errs_as_expected(tmp_path: Path) -> None:
     """At 20 Hz the noise-shaped command shakes it, which spreads the rounding of its samples: taken for slow, that was
-    expected to cost four to five times as much."""
-    ended = run(
-        tmp_path,
-        structure={
-            "numerical": {"masses_kg": [20.0] * 6, "stiffness_n_per_m": [3000.0] * 6},
-            "experimental": {"masses_kg": [4.0], "natural_frequencies_hz": [20.0], "damping_ratios": [0.02]},
-        },
-        damping={"first_mode_ratio": 0.03},
-        controller="FF+FB",
-        sample_rate_hz=500.0,
-        table={"extends": "aps400_virtual", "converters": {"bits": 12}},
-    )
-    assert (ended.status, ended.exit_code) == ("complete", 0), ended.reason
-    ratio = np.asarray(read_result(tmp_path / "case.h5").metrics["exp_rths.error_over_expected"])
+    expected to cost four to five times as much. Rounding of three bits differs by up to three times from one noise to
+    the next, so that the median of four is judged."""
+    ratios = []
+    for seed in range(4):
+        (tmp_path / str(seed)).mkdir()
+        ended = run(
+            tmp_path / str(seed),
+            structure={
+                "numerical": {"masses_kg": [20.0] * 6, "stiffness_n_per_m": [3000.0] * 6},
+                "experimental": {"masses_kg": [4.0], "natural_frequencies_hz": [20.0], "damping_ratios": [0.02]},
+            },
+            damping={"first_mode_ratio": 0.03},
+            controller="FF+FB",
+            sample_rate_hz=500.0,
+            table={"extends": "aps400_virtual", "converters": {"bits": 12}},
+            seed=seed,
+        )
+        assert (ended.status, ended.exit_code) == ("complete", 0), ended.reason
+        ratios.append(read_result(tmp_path / str(seed) / "case.h5").metrics["exp_rths.error_over_expected"])
+    ratio = np.median(ratios, axis=0)
     assert np.all((ratio > 1.0 / 1.5) & (ratio < 1.5)), ratio
 
 

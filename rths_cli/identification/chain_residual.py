@@ -14,6 +14,18 @@ of powers of 1 / s with free factors. The stiffness k_i of a storey minimises
 where the variance of the equation is that of its channels' noise, resolution and unlinearity, each with its own factor:
 an orthogonal regression, with no bias where a drift is hardly above the noise (W. A. Fuller, Measurement Error Models,
 section 1.3).
+
+The table's samples carry an alias of the held command, in m/s^2 S (b_0 + b_1 s + b_2 s^2 + ...) with the staircase S.
+Spring and dashpot of the lowest storey turn it into
+
+    S (k / s^2 + c / s) (b_0 + b_1 s + b_2 s^2 + b_3 s^3).
+
+b_0 is free. The others are bounded, because four free terms would hide a wrong sensitivity of the table. The alias is
+the table's response near multiples of the sample rate, delayed by less than a sample; over s it changes by no more than
+its size within the sample interval T. The size of b_1 is max(|b_0|, H / 2), H the table's largest response in the band,
+because b_0 vanishes at some delays: |b_1| <= T max(|b_0|, H / 2), |b_2| <= T^2 |b_0|, |b_3| <= T^3 |b_0|. The lowest
+floor's own alias passes its dashpot and adds up to c T^(n - 1) max(|b_0|, H / 2) / (2 pi) to k b_n, n = 2 and 3. Higher
+storeys see the table through dashpots only; their first three terms are free.
 """
 
 from __future__ import annotations
@@ -40,6 +52,8 @@ ROUNDS = 5  # iterations of the weights, each with the stiffness found before
 BELOW, BEYOND = 0.1, 3.0  # assumed frequency of a storey too soft or too stiff to be seen, over the band's ends
 RATIOS = (1e-3, 0.5)  # smallest and largest damping ratio from which a finer fit may start
 STICKS = (0.01, 0.03, 0.06, 0.1, 0.2, 0.4)  # rms drifts over which joints stick before they slide
+ALIASES = 5  # number of powers of s that represent the alias
+SEEN, SWEEPS = 1e-6, 50  # least part of a bounded column that the others do not represent; sweeps over bounded columns
 RIGID = 30.0  # frequency of a rigid storey over the highest line
 
 
@@ -51,7 +65,10 @@ class Grouped:
     accel: ComplexArray  # (c, g)
     velocity: ComplexArray  # (c, g)
     displacement: ComplexArray  # (c, g)
-    further: ComplexArray  # (p, g) terms of the records' ends, and of the staircase's alias in the table's acceleration
+    further: ComplexArray  # (p, g) terms of the records' ends
+    alias: ComplexArray  # (r, ALIASES, g) S (T s)^n / s^2 of each of r records, n from 0
+    command: ComplexArray  # (g,) in V
+    alias_s: float  # T, the time in which an alias changes by no more than its size
     noise: Array  # (c, g) variance of the channels' noise
     masses_kg: Array  # (c - 1,) floors
     joints: ComplexArray  # (c - 1, k, g) forces of joints in each storey that stick and slide at 1 N; k may be 0
@@ -98,17 +115,24 @@ def grouped(
     `joints`: a storey may have friction as well.
     """
     parts = [_of_record(record, info, np.asarray(masses_kg, dtype=float), band_hz, raw, joints) for record in records]
-    apart = [[part.further * float(row is part) for part in parts] for row in parts]
     return Grouped(
         np.concatenate([part.omega for part in parts]),
         np.hstack([part.accel for part in parts]),
         np.hstack([part.velocity for part in parts]),
         np.hstack([part.displacement for part in parts]),
-        np.block(apart),
+        _apart([part.further for part in parts]),
+        _apart([part.alias[0] for part in parts]).reshape(len(parts), ALIASES, -1),
+        np.concatenate([part.command for part in parts]),
+        parts[0].alias_s,
         np.hstack([part.noise for part in parts]),
         parts[0].masses_kg,
         np.concatenate([part.joints for part in parts], axis=-1),
     )
+
+
+def _apart(rows: Sequence[ComplexArray]) -> ComplexArray:
+    """Return the rows (p, g) of each record as rows of all records, zero in the others."""
+    return np.asarray(np.block([[part * float(row is part) for part in rows] for row in rows]))
 
 
 def _of_record(
@@ -136,14 +160,17 @@ def _of_record(
             return rows[:, excited]
         return np.asarray(_summed(np.conj(given) * rows, starts)[:, excited] / size)
 
-    together = added(lines)
+    together, late = added(lines), _alias_s(info)
     rubbed = _joints(lines / s**2, inside, n) if joints else np.zeros((len(lines) - 1, 0, len(s)), dtype=complex)
     return Grouped(
         np.sqrt(_summed(np.abs(s) ** 2, starts) / counts)[excited],
         together,
         added(lines / s),
         added(lines / s**2),
-        added(np.array([*(s**-power for power in range(ENDS)), alias / s, alias / s**2])),
+        added(np.array([s**-power for power in range(ENDS)])),
+        added(np.array([alias * (late * s) ** n / s**2 for n in range(ALIASES)]))[None],
+        added(np.fft.rfft(record.command_v[noise] - record.command_v[noise].mean())[None, inside])[0],
+        late,
         n * channel_noise(record, info)[:, None] ** 2 + (UNLINEARITY * np.abs(together)) ** 2,
         masses_kg,
         np.array([added(forces) for forces in rubbed]),
@@ -175,6 +202,12 @@ def _staircase(command_v: Array, info: RigInfo) -> Array:
     return np.asarray(now - before + integral_share(info.channels[0].high_pass_hz, info.dt_s) * (now + before))
 
 
+def _alias_s(info: RigInfo) -> float:
+    """Return the time in s in which the staircase's alias changes by no more than its size."""
+    low_pass = info.channels[0].low_pass_hz
+    return info.dt_s + (1.0 / (2.0 * np.pi * low_pass) if low_pass > 0.0 else 0.0)
+
+
 def _group_starts(frequency_hz: Array) -> list[int]:
     """Return the first line of each group; a group is GROUP_SHARE of its frequency wide and has LEAST_LINES or more."""
     starts: list[int] = []
@@ -192,7 +225,8 @@ def explained(chain: Grouped, errors: bool = True) -> Explained:
     Without `errors` the standard errors are left out, not a number.
     """
     found = [_storey(chain, i, errors) for i in range(1, len(chain.masses_kg) + 1)]
-    count = 2.0 * len(chain.omega) - len(chain.accel) - len(chain.further) - chain.joints.shape[1]
+    freed = len(chain.accel) + len(chain.further) + 3 * len(chain.alias) + 1 + chain.joints.shape[1]
+    count = 2.0 * len(chain.omega) - freed
     return Explained(
         np.array([storey.chi_square for storey in found]),
         np.full(len(found), count),
@@ -237,17 +271,18 @@ def _storey(chain: Grouped, i: int, errors: bool) -> _Storey:
     n, stiffness = len(damping), 0.0
     found = _solved(chain, i, inertia, columns, stiffness)
     for _ in range(ROUNDS):
-        before, stiffness = stiffness, max(found.factors[0], 0.0)
+        before, stiffness = stiffness, max(float(found.factors[0]), 0.0)
         if stiffness == before:
             break
-        found = _solved(chain, i, inertia, columns, stiffness)
+        dashpot_s = max(float(found.factors[1]), 0.0) / stiffness if i == 1 and stiffness > 0.0 else float("nan")
+        found = _solved(chain, i, inertia, columns, stiffness, dashpot_s)
     error = found.first_error() if errors else float("nan")
     best = _Storey(found.chi_square, float(found.factors[0]), error, found.factors[1 : n + 1])
     if found.factors[0] <= 0.0:
         found = _solved(chain, i, inertia, columns[1:], 0.0)
         best = _Storey(found.chi_square, 0.0, float("inf"), found.factors[:n])
     rigid = float(chain.masses_kg[i - 1 :].sum()) * (RIGID * float(chain.omega.max())) ** 2
-    found = _solved(chain, i, inertia + rigid * drift, columns[1:], rigid)
+    found = _solved(chain, i, inertia + rigid * drift, columns[1:], rigid, 0.0 if i == 1 else float("nan"))
     stiff = _Storey(found.chi_square, float("inf"), float("inf"), found.factors[:n])
     return stiff if stiff.chi_square < best.chi_square else best
 
@@ -258,7 +293,7 @@ class _Solved:
 
     chi_square: float  # sum of squared residuals over their variances
     factors: Array  # (k,) of the columns
-    rows: Array  # (k, 2 g) weighted columns, each scaled to length 1
+    rows: Array  # (k, 2 g) weighted columns, each scaled to length 1; then the bounded ones that are free
     of_rows: Array  # (k,) factors of the scaled columns
 
     def first_error(self) -> float:
@@ -267,20 +302,62 @@ class _Solved:
         return float(np.sqrt(spread) / max(abs(self.of_rows[0]), 1e-300))
 
 
-def _solved(chain: Grouped, i: int, wanted: ComplexArray, columns: ComplexArray, stiffness: float) -> _Solved:
-    """Solve the equation of storey i by least squares: columns (k, g) and `wanted` (g,) add up to zero.
+def _solved(
+    chain: Grouped, i: int, wanted: ComplexArray, columns: ComplexArray, stiffness: float,
+    dashpot_s: float = float("nan"),
+) -> _Solved:  # fmt: skip
+    """Solve the equation of storey i by least squares: columns (k, g), `wanted` (g,) and the alias add up to zero.
 
-    The weights are those for a given stiffness.
+    The weights are those for a given stiffness. `dashpot_s`: dashpot over stiffness in s, not a number where the table
+    is seen through dashpots alone. |b_0|, by which the alias's other terms are bounded, is that found without them.
     """
     weight = np.sqrt(2.0 / _variance(chain, i, stiffness))
-    rows = parts(columns * weight)
-    target = parts(-wanted * weight)
+    free, bounded, share = _aliases(chain, dashpot_s)
+    rows = parts(np.vstack([columns, free.reshape(-1, free.shape[-1])]) * weight)
     size = np.linalg.norm(rows, axis=1)
     size[size == 0.0] = 1.0
     rows /= size[:, None]
-    found = linear(rows, target)
-    left = target - found @ rows
-    return _Solved(float(left @ left), np.asarray(found / size), rows, found)
+    both = parts(np.vstack([-wanted, bounded]) * weight)
+    found = linear(rows, both.T)
+    left = both - found.T @ rows
+    free_size = float(np.abs(found[:, 0] / size)[len(columns) :].max())
+    largest = max(free_size, 0.5 * stiffness * float(np.abs(chain.accel[0] / chain.command).max()))
+    most = share @ (free_size, largest)
+    shares, inside = _within(left, np.linalg.norm(both, axis=1), most)
+    residual, factors = left[0] - shares @ left[1:], found[:, 0] - found[:, 1:] @ shares
+    used = both[1:][inside]
+    rows = np.vstack([rows, used / np.linalg.norm(used, axis=1)[:, None]])
+    return _Solved(float(residual @ residual), np.asarray(factors / size), rows, factors)
+
+
+def _aliases(chain: Grouped, dashpot_s: float) -> tuple[ComplexArray, ComplexArray, Array]:
+    """Return the alias's terms with free factors (r, f, g), those with bounded ones (b, g), and the bounds (b, 2).
+
+    Bounds are per |b_0|, and per max(|b_0|, H / 2); through dashpots alone, per largest free factor.
+    """
+    terms = chain.alias
+    if not np.isfinite(dashpot_s):
+        return terms[:, :3], terms[:, 3:4].sum(axis=0), np.array([[1.0, 0.0]])
+    through = dashpot_s / chain.alias_s
+    made = terms[:, :-1] + through * terms[:, 1:]
+    of_floor = through / (2.0 * np.pi)
+    return made[:, :1], made[:, 1:].sum(axis=0), np.array([[0.0, 1.0], [1.0, of_floor], [1.0, of_floor]])
+
+
+def _within(left: Array, size: Array, most: Array) -> tuple[Array, np.ndarray]:
+    """Return the factors (b,) of the rows left[1:] that best represent left[0], none beyond +-most (b,).
+
+    Also returned is which factors (b,) are free, inside that bound. A row with less than SEEN of its `size` (b + 1,)
+    left gets no factor.
+    """
+    products = left[1:] @ left.T
+    along, power, among = products[:, 0], np.diagonal(products, 1), products[:, 1:]
+    seen, shares = power > (SEEN * size[1:]) ** 2, np.zeros(len(along))
+    for _ in range(SWEEPS):
+        for at in np.flatnonzero(seen):
+            shares[at] += (along[at] - among[at] @ shares) / power[at]
+            shares[at] = min(max(shares[at], -most[at]), most[at])
+    return shares, seen & (np.abs(shares) < most)
 
 
 def _variance(chain: Grouped, i: int, stiffness: float) -> Array:

@@ -100,11 +100,12 @@ class _Within:
 def linear(slopes: Array, wanted: Array) -> Array:
     """Return the factors (n,) with which the rows of `slopes` (n, m) approximate `wanted` (m,) in least squares.
 
+    Of several wanted, (m, k), it returns the factors of each, (n, k).
     In a direction that the slopes do not determine the result is zero, each row taken in units of its own size.
     """
     size = np.linalg.norm(slopes, axis=1)
     size = np.where(size > 0.0, size, 1.0)
-    return np.asarray(np.linalg.lstsq((slopes / size[:, None]).T, wanted, rcond=LOST**0.5)[0] / size)
+    return np.asarray((np.linalg.lstsq((slopes / size[:, None]).T, wanted, rcond=LOST**0.5)[0].T / size).T)
 
 
 def covariance(slopes: Array, variance: float) -> Array:

@@ -28,6 +28,30 @@ LIGHT = Plant(
     np.array([1.8, 5.5, 6.5, 6.6, 2.0]), np.array([3892.0, 4287.0, 1771.0, 2753.0, 1502.0]),
     np.array([0.0023, 0.0024, 0.0048, 0.007, 0.0052]), servo_hz=17.0,
 )  # fmt: skip
+
+
+class Between(Plant):
+    """A plant to which a command comes 3/8 of a sample after the sample's instant."""
+
+    def simulate(self, command_v: np.ndarray, dt_s: float, latency_samples: int) -> np.ndarray:
+        return super().simulate(np.repeat(command_v, 8), dt_s / 8, 8 * latency_samples + 3)[:, ::8]
+
+
+def quick(plant: type[Plant], mass_kg: float, first_hz: float, ratio: float, servo_hz: float, lag_s: float) -> Plant:
+    """Return a table under one floor, whose amplifier is quick within a sample of 2 ms."""
+    stiffness = mass_kg * (2.0 * np.pi * first_hz) ** 2
+    return plant(np.array([mass_kg]), np.array([stiffness]), np.array([ratio]), servo_hz=servo_hz, lag_s=lag_s)
+
+
+QUICK = {
+    "at the sample": quick(Plant, 42.0, 3.88, 0.16, 15.6, 0.5e-3),
+    "between samples": quick(Between, 6.0, 4.3, 0.096, 38.0, 0.4e-3),
+    "stiffer": quick(Between, 12.0, 4.6, 0.127, 39.0, 0.34e-3),
+}
+SOFT = {  # so soft that its table's displacement is nearly the command's: alias and wrong sensitivity look alike
+    500.0: Plant(np.array([5.0]), np.array([5.0 * (2.0 * np.pi * 1.2) ** 2]), np.array([0.006]), servo_hz=37.0),
+    2000.0: Plant(np.array([5.0]), np.array([5.0 * (2.0 * np.pi * 1.5) ** 2]), np.array([0.028]), servo_hz=28.0),
+}
 PLANTS = {"soft top": SOFT_TOP, "stiff": STIFF, "one": ONE, "light": LIGHT}
 
 
@@ -82,3 +106,35 @@ def test_every_channel_against_the_command_is_the_commands_polarity() -> None:
     made = chain("soft top")
     (sentence,) = said(injected(made, Fault("all", tuple(range(5))))).faults
     assert "command: every channel moves against it" in sentence
+
+
+@cache
+def quick_chain(name: str) -> Chain:
+    return made_chain(QUICK[name], rate_hz=500.0, bits=18, latency_samples=2, seed=7, noise_m_s2=1e-4)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_healthy_table_that_is_quick_within_a_sample_is_not_accused(name: str) -> None:
+    """Where spring and dashpot pass the alias's terms of higher order, a sample of the table is not its motion."""
+    made = quick_chain(name)
+    lines = grouped([made.record], made.info, made.masses_kg, (0.5, 60.0))
+    assert explained(lines).misfit.max() < 1.5
+    assert first_values(lines)[0] == pytest.approx(QUICK[name].stiffness_n_per_m, rel=0.005)
+    assert said(made) == channel_responses.Judgement()
+
+
+@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("factor", [0.5, 0.9, 2.0])
+def test_a_wrong_sensitivity_of_a_quick_table_is_named(name: str, factor: float) -> None:
+    (sentence,) = said(injected(quick_chain(name), Fault("gain", (0,), factor))).faults
+    told = sentence.split("channel table: reads ")[1]
+    assert float(told.split()[0]) == pytest.approx(factor, rel=0.03)
+
+
+@pytest.mark.parametrize(("rate_hz", "factors"), [(500.0, (0.5, 2.0)), (2000.0, (0.95, 1.05))])
+def test_an_alias_hides_no_wrong_sensitivity_of_the_table(rate_hz: float, factors: tuple[float, ...]) -> None:
+    made = made_chain(SOFT[rate_hz], rate_hz, bits=16, latency_samples=3, seed=4)
+    for factor in factors:
+        wrong = injected(made, Fault("gain", (0,), factor))
+        lines = grouped([wrong.record], wrong.info, wrong.masses_kg, (0.5, 60.0))
+        assert explained(lines).misfit.max() > 4.0

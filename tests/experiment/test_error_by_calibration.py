@@ -72,6 +72,20 @@ def test_an_error_of_the_calibration_costs_what_is_expected(
     np.testing.assert_allclose(expected, np.sqrt(wrong**2 - right**2), rtol=within)
 
 
+def test_sensors_and_masses_that_differ_more_than_declared_are_told(memory: Memory) -> None:
+    """Larger differences than these are refused, as a wrong number in a file."""
+    declared = ("table.sensors.sensitivity_uncertainty=0.004", "table.uncertainty.mass=0.001")
+    gains, masses = f"{STATED}gain_error=", "table.imperfections.masses.weighing_error="
+    wrong = setup_of(*declared, f"{gains}[0.01, -0.01, 0.01]", f"{masses}[0.004, -0.004]")
+    told = " ".join(memory.identify(wrong, lambda _: None).verdict.warnings)
+    assert "the sensors differ more than their uncertainty explains (channel floor_2 by -1.3 % from their mean" in told
+    assert (
+        "the masses differ from what is stated by more than their uncertainty explains (floor 1 of the specim" in told
+    )
+    ordinary = setup_of(*declared, f"{gains}[0.004, -0.004, 0.002]", f"{masses}[0.001, 0]")
+    assert not any("differ" in told for told in memory.identify(ordinary, lambda _: None).verdict.warnings)
+
+
 def test_pitch_is_seen_and_costs_what_is_expected(tmp_path: Path, memory: Memory) -> None:
     """The rig's equations of motion hold the weight along the pitched floors and the base's inertia, too."""
     pitches = ("table.imperfections.pitch.frequency_hz=30", "table.imperfections.pitch.storey_height_m=0.2")

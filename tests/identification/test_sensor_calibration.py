@@ -227,7 +227,7 @@ def test_uncertainties_cover_the_errors_of_many_records(joints):
 
 
 def test_no_record_makes_gains_and_masses_as_certain_as_its_noise():
-    """Motion across a sensor and joints that rub leave 0.02 % of a gain and 0.05 % of a mass, at most what is declared."""
+    """Motion across a sensor and joints that rub leave 0.02 % of a gain and 0.05 % of a mass, at most the declared."""
     seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), seconds=40.0, noise=1e-6)
     pairs_of = np.zeros((2, 11))
     pairs_of[0, :2], pairs_of[1, 9:] = (-1.0, 1.0), (-1.0, 1.0)

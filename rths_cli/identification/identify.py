@@ -118,25 +118,32 @@ def identify(
 
 def _doubts(chain: Fitted, info: RigInfo) -> Iterator[str]:
     """Yield why a calibration, or what is declared of sensors and masses, is to be doubted, one sentence each."""
-    found, masses = chain.calibration, info.uncertainty.of_masses(len(chain.masses_kg))
+    found = chain.calibration
     if not chain.settled:
         yield UNSETTLED
     if chain.gain_spread.chance < UNLIKELY:
-        worst = int(np.argmax(np.abs(found.gain - 1.0)))
+        declared = np.array([channel.uncertainty for channel in info.channels])
+        worst = _farthest(found.gain, declared)
         yield (
             f"calibration: the sensors differ more than their uncertainty explains (channel "
-            f"{info.channels[worst].name} by {100.0 * (found.gain[worst] - 1.0):+.2g} % from their mean, "
-            f"sensitivity_uncertainty is {100.0 * info.channels[worst].uncertainty:.2g} %); compare the sensors "
-            f"(rths calibrate), or state a larger uncertainty"
+            f"{info.channels[worst].name} by {100.0 * (found.gain[worst] - 1.0):+.2g} % from what is declared, "
+            f"sensitivity_uncertainty is {100.0 * declared[worst]:.2g} %); compare the sensors (rths calibrate), or "
+            f"state a larger uncertainty"
         )
     if chain.mass_spread.chance < UNLIKELY:
-        worst = int(np.argmax(np.abs(found.mass - 1.0)))
+        declared = np.array(info.uncertainty.of_masses(len(chain.masses_kg)))
+        worst = _farthest(found.mass, declared)
         yield (
             f"calibration: the masses differ from what is stated by more than their uncertainty explains (floor "
-            f"{worst + 1} of the specimen by {100.0 * (found.mass[worst] - 1.0):+.2g} % from their mean, "
-            f"uncertainty.mass is {100.0 * masses[worst]:.2g} %); weigh the floors, with all that moves with them, "
-            f"or state a larger uncertainty"
+            f"{worst + 1} of the specimen by {100.0 * (found.mass[worst] - 1.0):+.2g} %, uncertainty.mass is "
+            f"{100.0 * declared[worst]:.2g} %); weigh the floors, with all that moves with them, or state a larger "
+            f"uncertainty"
         )
+
+
+def _farthest(found: Array, declared: Array) -> int:
+    """Return which value, 1 as declared, is most standard uncertainties (k,) off; not one that is exact."""
+    return int(np.argmax(np.where(declared > 0.0, np.abs(found - 1.0), 0.0) / np.where(declared > 0.0, declared, 1.0)))
 
 
 def _at_every_level(data: Evidence, found: Identification, table: _Table) -> Identification:

@@ -53,7 +53,7 @@ CHAIN_STEP = 1e-7  # of the chain's parameters, for the slopes of what damping t
 TOLERANCE = 1e-8
 LINES = 17  # of which the size of a residual is the rms
 SETTLED = 0.005  # half of the square of the standard uncertainties that a fit is off its minimum
-SHARES = (1.0, 0.3, 0.1)  # of a Gauss-Newton step, by which it is tried whether a fit has settled
+SHARES = (1.0, 0.3, 0.1, 0.01)  # of a Gauss-Newton step, by which it is tried whether a fit has settled
 SHOWN = 10.0  # information of a stretch, in units of the prior's, from which it shows a parameter better
 # standard uncertainties of damping and stiffness that couple two modes of the chain, over the root of their own
 COUPLED_DAMPING, COUPLED_STIFFNESS = 0.3, 0.01
@@ -158,7 +158,7 @@ def fitted(
         problem = replace(problem, sizes=problem.sizes_at(at))
         found = least_squares(problem.posterior, at, TOLERANCE, reach=problem.reach)
         at = found.parameters
-    gain, mass = (_spread(problem, found, kind) for kind in (problem.gains, problem.masses))
+    gain, mass = _spread(problem, found, problem.gains), _spread(problem, found, problem.masses)
     problem, at = problem.with_spreads(at, gain.factor, mass.factor)
     found = least_squares(problem.posterior, at, TOLERANCE, reach=problem.reach)
     spread = covariance(found.slopes, 1.0)
@@ -239,13 +239,20 @@ class Problem:
     def _places(self, first: int, last: int) -> Integers:
         return 2 * len(self.masses_kg) + np.flatnonzero((self.free >= first) & (self.free < last))
 
-    def with_spreads(self, at: Array, gain: float, mass: float) -> tuple[Problem, Array]:
-        """Return the problem with priors of gains and masses that are larger by factors, and its parameters."""
-        scaled = at.copy()
+    def with_spreads(self, at: Array, gain: Array, mass: Array) -> tuple[Problem, Array]:
+        """Return the problem with larger priors of the free gains and masses, by factors, and its parameters."""
+        scaled, gains, masses = at.copy(), self.priors.gain.copy(), self.priors.mass.copy()
         scaled[self.gains] /= gain
         scaled[self.masses] /= mass
-        priors = replace(self.priors, gain=gain * self.priors.gain, mass=mass * self.priors.mass)
-        return replace(self, priors=priors), scaled
+        gains[gains > 0.0] *= gain
+        masses[masses > 0.0] *= mass
+        return replace(self, priors=replace(self.priors, gain=gains, mass=masses)), scaled
+
+    @property
+    def systematic(self) -> Array:
+        """Return the standard uncertainties (3 c + n,) of gains, corners, lags and masses that no residual shows."""
+        c = len(self.corners)
+        return np.concatenate([np.full(c, ACROSS), np.zeros(2 * c), np.full(len(self.masses_kg), BENT)])
 
     @property
     def reach(self) -> Array:
@@ -313,12 +320,15 @@ class Problem:
             yield moved, shown
 
     def sizes_at(self, at: Array) -> tuple[Array, ...]:
-        """Return the sizes (n, m) of the residuals of each set of lines: of each floor, the rms of LINES lines."""
+        """Return the sizes (n, m) of the residuals of each set of lines: of each floor, the rms of LINES lines about
+        each, without its own, which would weigh what the fit has come close to."""
         left, n, found, start = replace(self, sizes=()).residual(at), len(self.masses_kg), [], 0
         for part in self.lines:
             end = start + 2 * n * len(part.s)
             squares = np.sum(left[start:end].reshape(n, -1, 2) ** 2, axis=2) / 2.0
-            found.append(np.sqrt(np.maximum(_moving_mean(squares, LINES), (LEAST_SIZE / np.sqrt(left.size)) ** 2)))
+            free = 2.0 * squares.size / max(2.0 * squares.size - 3.0 * n - len(at), 1.0)
+            around = free * _mean_around(squares, LINES)
+            found.append(np.sqrt(np.maximum(around, (LEAST_SIZE / np.sqrt(left.size)) ** 2)))
             start = end
         return tuple(found)
 
@@ -510,7 +520,8 @@ def _scatter(
     along the eigenvectors of their information over what their lines predict of them.
     """
     omega = modal(problem.masses_kg, np.exp(at[: len(problem.masses_kg)]))[0]
-    least = least_samples(omega / (2.0 * np.pi), dt_s, band_hz[0])
+    ends_hz = np.minimum(omega / (2.0 * np.pi), band_hz[1] / ABOVE_HIGHEST)
+    least = least_samples(ends_hz, dt_s, band_hz[0])
     pieces = [motion.cut(part) for motion in motions for part in stretches_of(motion.floors, False, least)]
     pieces = [piece for piece in pieces if piece.shows_floors]
     if len(pieces) < 2:
@@ -524,19 +535,19 @@ def _scatter(
         shown = directions[:, information > SHOWN]
         predicted = np.sum(shown * (part.spread_of_pull(Solution(at, residual, slopes)) @ shown), axis=0)
         each.append((shown.T @ (slopes @ residual)) ** 2 / predicted)
-    mean = float(np.mean(np.concatenate(each))) / (1.0 - 1.0 / len(pieces))
-    return float(np.sqrt(max(mean, 1.0)))
+    squares = np.concatenate(each)
+    return float(np.sqrt(max(np.mean(squares) / (1.0 - 1.0 / len(pieces)), 1.0))) if len(squares) else 1.0
 
 
 @dataclass(frozen=True)
 class Spread:
     """How far sensors (or masses) differ from each other, measured by what is declared of them.
 
-    `factor`: by how much their standard uncertainty is larger than declared; `chance`: probability that declared ones
-    differ as much or more.
+    `factor` (k,): by which the declared uncertainty of each is multiplied, at least 1. `chance`: probability that those
+    as declared differ as much or more.
     """
 
-    factor: float
+    factor: Array
     chance: float
 
 
@@ -545,25 +556,32 @@ def _spread(problem: Problem, found: Solution, places: Integers) -> Spread:
 
     What the record shows of them, all but their common part, tells how far the declared uncertainty can be relied on;
     it is itself uncertain, as one from DECLARED degrees of freedom. The most probable factor by the evidence (D.J.C.
-    MacKay, Neural Computation 4, 1992, 415, eq. 4.8, with a prior for the factor).
+    MacKay, Neural Computation 4, 1992, 415, with a prior for the factor), one for all that are declared alike. Small
+    differences are no evidence of a small common error: sensors that were compared with one standard agree.
     """
     from scipy.stats import chi2
 
-    if not len(places):
-        return Spread(1.0, 1.0)
-    squares = float(np.sum(found.parameters[places] ** 2))
-    shown = len(places) - float(np.trace(covariance(found.slopes, 1.0)[np.ix_(places, places)]))
-    if shown < 0.5:
-        return Spread(1.0, 1.0)
-    return Spread(float(np.sqrt((DECLARED + squares) / (DECLARED + shown))), float(chi2.sf(squares, shown)))
+    kinds = problem.free[places - 2 * len(problem.masses_kg)]
+    declared, chance = problem.priors.sizes[kinds], 1.0
+    share = declared / np.hypot(declared, problem.systematic[kinds])
+    spread = covariance(found.slopes, 1.0)[places, places] if len(places) else np.zeros(0)
+    factor = np.ones(len(places))
+    for one in np.unique(declared):
+        alike = declared == one
+        squares = float(np.sum((share * found.parameters[places])[alike] ** 2))
+        shown = float(np.sum(1.0 - spread[alike]))
+        if shown > 0.5:
+            factor[alike] = max(1.0, float(np.sqrt((DECLARED + squares) / (DECLARED + shown))))
+            chance = min(chance, float(chi2.sf(squares, shown)))
+    return Spread(factor, chance)
 
 
-def _moving_mean(values: Array, count: int) -> Array:
-    """Return the means of up to `count` values (..., m) about each, fewer at the ends."""
+def _mean_around(values: Array, count: int) -> Array:
+    """Return the means of up to `count` values (..., m) about each but its own, fewer at the ends."""
     m, half = values.shape[-1], count // 2
     sums = np.cumsum(np.concatenate([np.zeros((*values.shape[:-1], 1)), values], axis=-1), axis=-1)
     first, last = np.maximum(np.arange(m) - half, 0), np.minimum(np.arange(m) + half + 1, m)
-    return np.asarray((sums[..., last] - sums[..., first]) / (last - first))
+    return np.asarray((sums[..., last] - sums[..., first] - values) / np.maximum(last - first - 1, 1))
 
 
 @dataclass(frozen=True)
@@ -578,8 +596,8 @@ class Fitted:
     at: Array
     spread: Array
     to_go: float
-    gain_spread: Spread = Spread(1.0, 1.0)
-    mass_spread: Spread = Spread(1.0, 1.0)
+    gain_spread: Spread
+    mass_spread: Spread
 
     @property
     def settled(self) -> bool:
@@ -592,9 +610,10 @@ class Fitted:
         gain, coupling, late_s, mass, *_ = self.problem.values(self.at)
         shown, priors = 3 * len(self.problem.corners) + len(self.problem.masses_kg), self.problem.priors
         spread, c = self._covariance[:shown, :shown], len(gain)
-        systematic = np.concatenate([np.full(c, ACROSS**2), np.zeros(2 * c), np.full(shown - 3 * c, BENT**2)])
-        left = priors.sizes[:shown] ** 2 - spread.diagonal()  # a record makes nothing less certain than declared
-        spread[range(shown), range(shown)] += np.clip(left, 0.0, systematic)
+        left = np.clip(priors.sizes[:shown] ** 2 - spread.diagonal(), 0.0, self.problem.systematic**2)
+        for kind in (slice(0, c), slice(3 * c, shown)):  # of differences: a common error is in the prior
+            apart = np.eye(kind.stop - kind.start) - 1.0 / (kind.stop - kind.start)
+            spread[kind, kind] += apart @ np.diag(left[kind]) @ apart
         return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), spread)
 
     @property

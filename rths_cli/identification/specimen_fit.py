@@ -187,7 +187,7 @@ def orthonormal_rows(rows: Array) -> tuple[Array, Array]:
     from scipy.linalg import qr
 
     orthonormal, triangle = qr(rows.T, mode="economic", check_finite=False)
-    left, values, right = np.linalg.svd(triangle)
+    left, values, right = np.linalg.svd(triangle, full_matrices=False)
     kept = values > LOST * values[0]
     return (orthonormal @ left[:, kept]).T, right[kept] / values[kept, None]
 

@@ -78,7 +78,10 @@ def test_sensors_and_masses_that_differ_more_than_declared_are_told(memory: Memo
     gains, masses = f"{STATED}gain_error=", "table.imperfections.masses.weighing_error="
     wrong = setup_of(*declared, f"{gains}[0.01, -0.01, 0.01]", f"{masses}[0.004, -0.004]")
     told = " ".join(memory.identify(wrong, lambda _: None).verdict.warnings)
-    assert "the sensors differ more than their uncertainty explains (channel floor_2 by -1.3 % from their mean" in told
+    assert (
+        "the sensors differ more than their uncertainty explains (channel floor_2 by -1.3 % from what is declared"
+        in told
+    )
     assert (
         "the masses differ from what is stated by more than their uncertainty explains (floor 1 of the specim" in told
     )

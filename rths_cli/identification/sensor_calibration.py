@@ -4,8 +4,9 @@ Table and floors are measured by different sensors, and a chain of storeys ties 
 all floors move with the table, the shapes of its modes belong to its masses, and its phases leave no room for a sensor
 that lags. A fit of the chain with free sensors therefore finds the ratios of the sensors' gains, of their AC corners
 and of the masses, and the differences of their lags. What it cannot find, above all the gain that all sensors share and
-the total mass, stays as declared, with the declared uncertainty: the result is the most probable one under independent
-normal priors, and its covariance that of the posterior (A. Tarantola, Inverse Problem Theory, 2005, chapter 3).
+the total mass, stays as declared, with the declared uncertainty, or a larger one where sensors or masses differ more
+than declared: the result is the most probable one under independent normal priors, and its covariance that of the
+posterior (A. Tarantola, Inverse Problem Theory, 2005, chapter 3).
 
 A sensor is `gain (s + w) / (s + coupling w) exp(-late s)` times the declared one, whose AC corner is w. Residuals are
 those of the samples and not of the corrected motions, which a greater gain would make smaller.

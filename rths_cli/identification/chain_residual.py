@@ -22,9 +22,10 @@ Spring and dashpot of the lowest storey turn it into
 
 b_0 is free. The others are bounded, because four free terms would hide a wrong sensitivity of the table. The alias is
 the table's response near multiples of the sample rate, delayed by less than a sample; over s it changes by no more than
-its size within T, the sample interval and the lag of the table sensor's low pass. The size of b_1 is max(|b_0|, H / 2), H the table's largest response in the band,
-because b_0 vanishes at some delays: |b_1| <= T max(|b_0|, H / 2), |b_2| <= T^2 |b_0|, |b_3| <= T^3 |b_0|. The lowest
-floor's own alias passes its dashpot and adds up to c T^(n - 1) max(|b_0|, H / 2) / (2 pi) to k b_n, n = 2 and 3. Higher
+its size within T, the sample interval and the lag of the table sensor's low pass. The size of b_1 is max(|b_0|, H / 2),
+H the table's largest response in the band, because b_0 vanishes at some delays: |b_1| <= T max(|b_0|, H / 2),
+|b_2| <= T^2 |b_0|, |b_3| <= T^3 |b_0|. The lowest floor's own alias passes its dashpot and adds up to
+c T^(n - 1) max(|b_0|, H / 2) / (2 pi) to k b_n, n = 2 and 3. Higher
 storeys see the table through dashpots only; their first three terms are free.
 """
 

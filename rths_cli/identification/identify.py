@@ -121,6 +121,13 @@ def _doubts(chain: Fitted, info: RigInfo) -> Iterator[str]:
     found = chain.calibration
     if not chain.settled:
         yield UNSETTLED
+    if len(chain.doubted):
+        names = " and ".join(info.channels[channel].name for channel in chain.doubted)
+        yield (
+            f"calibration: the record contradicts the AC corner of channel {names}, or a sensitivity or mass that is "
+            f"declared exact is wrong; all corners are taken as declared; state sensitivity_uncertainty of the "
+            f"sensors and uncertainty.mass of the rig"
+        )
     if chain.gain_spread.chance < UNLIKELY:
         declared = np.array([channel.uncertainty for channel in info.channels])
         worst = _farthest(found.gain, declared)

@@ -48,6 +48,7 @@ from rths_cli.numerics.lti import Array, ComplexArray, Integers, Model
 from rths_cli.rigs.description import Channel, RigInfo
 
 STEP = 1e-5  # of a prior's standard uncertainty, over which slopes by masses are taken
+DOUBTED = 5.0  # standard uncertainties of its prior from which a corner is doubted
 FAR = 10.0  # standard uncertainties of its prior by which a parameter may differ from what is declared
 ROUNDS = 4  # fits, each with the sizes of the residual that the one before left
 CHAIN_STEP = 1e-7  # of the chain's parameters, for the slopes of what damping that couples modes adds
@@ -155,10 +156,13 @@ def fitted(
     )  # fmt: skip
     chain = np.log(np.concatenate([start.stiffness_n_per_m, start.damping_ratio]))
     problem, at = replace(problem, start=chain), np.concatenate([chain, np.zeros(problem.free.size)])
-    for _ in range(ROUNDS):
-        problem = replace(problem, sizes=problem.sizes_at(at))
-        found = least_squares(problem.posterior, at, TOLERANCE, reach=problem.reach)
-        at = found.parameters
+    problem, found = _solved(problem, at)
+    doubted = problem.doubted(found.parameters)
+    if len(doubted):
+        certain = replace(priors, coupling=np.zeros(len(channels)))
+        problem = replace(problem, priors=certain)
+        problem, found = _solved(problem, np.concatenate([chain, np.zeros(problem.free.size)]))
+    at = found.parameters
     gain, mass = _spread(problem, found, problem.gains), _spread(problem, found, problem.masses)
     problem, at = problem.with_spreads(at, gain.factor, mass.factor)
     found = least_squares(problem.posterior, at, TOLERANCE, reach=problem.reach)
@@ -166,7 +170,17 @@ def fitted(
     to_go = _to_go(problem, found, spread)
     widened = _scatter(problem, motions, dt_s, (low_hz, highest), found.parameters)
     spread = spread @ problem.spread_of_pull(found, widened) @ spread
-    return Fitted(problem, found.parameters, spread, to_go, gain, mass)
+    left = priors.coupling if len(doubted) else np.zeros(len(channels))
+    return Fitted(problem, found.parameters, spread, to_go, gain, mass, doubted, left)
+
+
+def _solved(problem: Problem, at: Array) -> tuple[Problem, Solution]:
+    """Return the problem with the sizes of its residuals, and its solution from a start (p,)."""
+    for _ in range(ROUNDS):
+        problem = replace(problem, sizes=problem.sizes_at(at))
+        found = least_squares(problem.posterior, at, TOLERANCE, reach=problem.reach)
+        at = found.parameters
+    return problem, found
 
 
 def _to_go(problem: Problem, found: Solution, spread: Array) -> float:
@@ -236,6 +250,16 @@ class Problem:
         """Return the places of the masses that are free among the parameters."""
         first = 3 * len(self.corners)
         return self._places(first, first + len(self.masses_kg))
+
+    def doubted(self, at: Array) -> Integers:
+        """Return the channels whose AC corner is DOUBTED standard uncertainties off or more, on a rig that declares a
+        gain or a mass exact: what is wrong of those is taken for a corner, far below the first mode."""
+        c = len(self.corners)
+        if self.priors.gain.all() and self.priors.mass.all():
+            return np.zeros(0, dtype=int)
+        corners = self._places(c, 2 * c)
+        channels = self.free[corners - 2 * len(self.masses_kg)] - c
+        return np.asarray(channels[np.abs(at[corners]) > DOUBTED])
 
     def _places(self, first: int, last: int) -> Integers:
         return 2 * len(self.masses_kg) + np.flatnonzero((self.free >= first) & (self.free < last))
@@ -599,6 +623,8 @@ class Fitted:
     to_go: float
     gain_spread: Spread
     mass_spread: Spread
+    doubted: Integers  # channels whose AC corner the record contradicts; all corners are as declared then
+    corner_error: Array  # (c,) relative, of corners that were left as declared and not fitted
 
     @property
     def settled(self) -> bool:
@@ -611,6 +637,7 @@ class Fitted:
         gain, coupling, late_s, mass, *_ = self.problem.values(self.at)
         shown, priors = 3 * len(self.problem.corners) + len(self.problem.masses_kg), self.problem.priors
         spread, c = self._covariance[:shown, :shown], len(gain)
+        spread[range(c, 2 * c), range(c, 2 * c)] += self.corner_error**2
         left = np.clip(priors.sizes[:shown] ** 2 - spread.diagonal(), 0.0, self.problem.systematic**2)
         for kind in (slice(0, c), slice(3 * c, shown)):  # of differences: a common error is in the prior
             apart = np.eye(kind.stop - kind.start) - 1.0 / (kind.stop - kind.start)

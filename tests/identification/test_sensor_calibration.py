@@ -296,6 +296,19 @@ def test_what_is_declared_as_exact_stays():
     assert not kept.coupling.any() and not kept.late_s.any() and kept.gain.all()
 
 
+def test_gains_that_are_not_exact_as_declared_are_taken_for_no_corner():
+    """Far below the first mode the table's gain and its AC corner look alike over an octave."""
+    seen, dt_s = motion(np.array([1.01, 1.0, 1.0]), np.ones(3), np.zeros(3), np.ones(2), ripple=0.02)
+    exact = replace(priors(), gain=np.zeros(3), mass=np.zeros(2))
+    chain = fitted([seen], dt_s, MASSES, CHANNELS, 0.5, START, exact)
+    assert 0 in chain.doubted and np.all(chain.calibration.coupling == 1.0)
+    assert np.sqrt(np.diag(chain.calibration.covariance)[3:6]) == pytest.approx(np.full(3, 0.1))
+    free = fitted([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors())
+    assert not len(free.doubted) and free.calibration.gain[0] / free.calibration.gain[1] == pytest.approx(
+        1.01, abs=5e-4
+    )
+
+
 def test_a_corner_of_the_table_and_an_alias_that_look_the_same_are_both_left_open():
     """The model of the table takes a greater AC corner for a smaller alias; the corner's uncertainty has to say so."""
     coupling = np.array([1.15, 1.0, 1.0])

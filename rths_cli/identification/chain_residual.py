@@ -25,8 +25,8 @@ the table's response near multiples of the sample rate, delayed by less than a s
 its size within T, the sample interval and the lag of the table sensor's low pass. The size of b_1 is max(|b_0|, H / 2),
 H the table's largest response in the band, because b_0 vanishes at some delays: |b_1| <= T max(|b_0|, H / 2),
 |b_2| <= T^2 |b_0|, |b_3| <= T^3 |b_0|. The lowest floor's own alias passes its dashpot and adds up to
-c T^(n - 1) max(|b_0|, H / 2) / (2 pi) to k b_n, n = 2 and 3. Higher
-storeys see the table through dashpots only; their first three terms are free.
+c T^(n - 1) max(|b_0|, H / 2) / (2 pi) to k b_n, n = 2 and 3. Higher storeys see the table through dashpots only; their
+first three terms are free.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ BELOW, BEYOND = 0.1, 3.0  # assumed frequency of a storey too soft or too stiff 
 RATIOS = (1e-3, 0.5)  # smallest and largest damping ratio from which a finer fit may start
 STICKS = (0.01, 0.03, 0.06, 0.1, 0.2, 0.4)  # rms drifts over which joints stick before they slide
 ALIASES = 5  # number of powers of s that represent the alias
-SEEN, SWEEPS = 1e-6, 50  # least part of a bounded column that the others do not represent; sweeps over bounded columns
+SEEN = 1e-6  # least part of a bounded column that the free ones do not represent
 RIGID = 30.0  # frequency of a rigid storey over the highest line
 
 
@@ -351,13 +351,13 @@ def _within(left: Array, size: Array, most: Array) -> tuple[Array, np.ndarray]:
     Also returned is which factors (b,) are free, inside that bound. A row with less than SEEN of its `size` (b + 1,)
     left gets no factor.
     """
-    products = left[1:] @ left.T
-    along, power, among = products[:, 0], np.diagonal(products, 1), products[:, 1:]
-    seen, shares = power > (SEEN * size[1:]) ** 2, np.zeros(len(along))
-    for _ in range(SWEEPS):
-        for at in np.flatnonzero(seen):
-            shares[at] += (along[at] - among[at] @ shares) / power[at]
-            shares[at] = min(max(shares[at], -most[at]), most[at])
+    from scipy.optimize import lsq_linear
+
+    length = np.linalg.norm(left[1:], axis=1)
+    seen, shares = (length > SEEN * size[1:]) & (most > 0.0), np.zeros(len(most))
+    if seen.any():
+        bound, rows = most[seen] * length[seen], left[1:][seen] / length[seen, None]
+        shares[seen] = lsq_linear(rows.T, left[0], (-bound, bound), method="bvls").x / length[seen]
     return shares, seen & (np.abs(shares) < most)
 
 

@@ -65,13 +65,18 @@ def said(made: Chain) -> channel_responses.Judgement:
     return channel_responses.judge(data, estimate([made.record], made.info.dt_s, (0.5, 60.0), 15.0))
 
 
+def assert_healthy(made: Chain, plant: Plant, misfit: float, within: float) -> None:
+    """Assert that a chain is explained, with its stiffnesses `within` (relative) of the plant's, and accused of
+    nothing."""
+    lines = grouped([made.record], made.info, made.masses_kg, (0.5, 60.0))
+    assert explained(lines).misfit.max() < misfit
+    assert first_values(lines)[0] == pytest.approx(plant.stiffness_n_per_m, rel=within)
+    assert said(made) == channel_responses.Judgement()
+
+
 @pytest.mark.parametrize("name", PLANTS)
 def test_a_chain_as_declared_is_explained_and_not_accused(name: str) -> None:
-    made = chain(name)
-    lines = grouped([made.record], made.info, made.masses_kg, (0.5, 60.0))
-    assert explained(lines).misfit.max() < 2.0
-    assert first_values(lines)[0] == pytest.approx(PLANTS[name].stiffness_n_per_m, rel=0.01)
-    assert said(made) == channel_responses.Judgement()
+    assert_healthy(chain(name), PLANTS[name], misfit=2.0, within=0.01)
 
 
 @pytest.mark.parametrize(
@@ -116,11 +121,7 @@ def quick_chain(name: str) -> Chain:
 @pytest.mark.parametrize("name", QUICK)
 def test_a_healthy_table_that_is_quick_within_a_sample_is_not_accused(name: str) -> None:
     """Where spring and dashpot pass the alias's terms of higher order, a sample of the table is not its motion."""
-    made = quick_chain(name)
-    lines = grouped([made.record], made.info, made.masses_kg, (0.5, 60.0))
-    assert explained(lines).misfit.max() < 1.5
-    assert first_values(lines)[0] == pytest.approx(QUICK[name].stiffness_n_per_m, rel=0.005)
-    assert said(made) == channel_responses.Judgement()
+    assert_healthy(quick_chain(name), QUICK[name], misfit=1.5, within=0.005)
 
 
 @pytest.mark.parametrize("name", QUICK)

@@ -80,12 +80,12 @@ def test_stated_heights_count():
 
 
 def test_uncertainties_cover_the_errors_of_many_records():
-    """They may be too wide: one factor for the scatter of stretches holds for all that is fitted."""
+    """A systematic tenth of what is found is in them as well."""
     over = []
     for seed in range(30):
         found = pitch_of(motion(2, 1e-7, rising(2), noise=2e-3, seed=seed))
         over.append((found.flexibility_m_per_n - 1e-7) / found.error_m_per_n)
-    assert 0.1 < np.sqrt(np.mean(np.square(over))) < 1.2
+    assert 0.5 < np.sqrt(np.mean(np.square(over))) < 1.2
 
 
 def test_a_rigid_base_is_not_said_to_pitch():

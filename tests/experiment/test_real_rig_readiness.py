@@ -242,6 +242,7 @@ def test_a_crash_of_the_driver_leaves_a_result_and_a_log_that_recover_reads(
         run.log.done[0] = run.course.ramp + 100
         raise ZeroDivisionError("in a driver")
 
+    bench.memory.known(bench.setup, lambda _: None)  # verifies the model on the rig, once, if no test before did
     monkeypatch.setattr("rths_cli.loop.realtime_run.perform", crash)
     with pytest.raises(ZeroDivisionError):
         ran(bench, tmp_path / "a.h5")

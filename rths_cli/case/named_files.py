@@ -94,6 +94,8 @@ def _missing(name: str, kind: str, folder: Path) -> str:
         return f"{name!r} {no_case(others[0], name)}"
     if others:
         return f"{name!r} is a {others[0].removesuffix('s')}, not a {what}; rths list {kind} shows what there is"
+    if kind == "cases" and "=" in name:
+        return f"no case is called {name[:80]!r}; a setting follows --set, each one its own: --set {name[:80]}"
     matches = difflib.get_close_matches(name[:80], names, n=3, cutoff=0.6)
     hint = f"did you mean {' or '.join(matches)}?" if matches else f"known: {', '.join(names) or 'none'}"
     return f"no {what} is called {name[:80]!r}; {hint}"

@@ -135,6 +135,8 @@ def usage_sentence(error: click.ClickException) -> str:
         near = get_close_matches(missed[1], cli.commands, 1)
         advice = f". Did you mean {near[0]!r}?" if near else ";"
         return f"{missed[0]}{advice} rths --help lists the commands"
+    if extra := re.match(r"Got unexpected extra arguments? \(([^ =]+=[^ )]*)", said):
+        return f"{extra[1]} is no argument; a setting follows --set, each one its own: --set {extra[1]}"
     return said
 
 

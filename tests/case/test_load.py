@@ -57,7 +57,7 @@ def test_every_fault_of_every_file_comes_at_once_with_its_place(write) -> None:
     )
     first, second = write(text=text), write("seed: 1.5\n", name="b.yaml")
     with pytest.raises(InputError) as caught:
-        load_cases([first, second, "c.yaml"], ["nothing"])
+        load_cases([first, second, "c.yaml", "seed=1"], ["nothing"])
     known = "known: accept, base_shear_uncertainty, check"
     assert [fault.partition(known)[0] for fault in caught.value.faults] == [
         "--set nothing: must be key=value, for example --set table.physics.coulomb_n=0.9",
@@ -71,6 +71,7 @@ def test_every_fault_of_every_file_comes_at_once_with_its_place(write) -> None:
         "a.yaml:9:44: table.physics.coulomb: unknown key; did you mean coulomb_n?",
         "b.yaml:6:7: seed: must be a whole number, got 1.5",
         "c.yaml: no case is called 'c.yaml'; known: a, b, " + ", ".join(SHIPPED),
+        "seed=1: no case is called 'seed=1'; a setting follows --set, each one its own: --set seed=1",
     ]
     assert caught.value.exit_code == 2
 

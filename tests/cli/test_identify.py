@@ -207,6 +207,7 @@ BEFORE = {"folder/x": "", "file": "in the way", "c.yaml": "notes: mine\n", "d.cs
         (("--set", "identification.duration_s=1"), "identification.duration_s"),
         (("--set", "sample_rate_hz=100"), "high_hz"),
         (("nowhere",), "no case is called 'nowhere'"),
+        (("el_centro_low_ff", "--set", "seed=1", "scaling=1"), "a setting follows --set, each one its own"),
         (("el_centro_low_ff", "hachinohe_low_ff"), "hachinohe_low_ff"),
     ],
 )

@@ -49,6 +49,7 @@ def test_it_sleeps_and_does_not_only_spin() -> None:
 
 def test_a_signal_does_not_end_the_wait() -> None:
     arrived: list[int] = []
+    wait_for(0, 0, np.zeros(3, dtype=np.int64))
     handler = signal.signal(signal.SIGALRM, lambda number, _: arrived.append(number))
     try:
         signal.setitimer(signal.ITIMER_REAL, 0.005, 0.005)

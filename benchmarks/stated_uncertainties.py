@@ -3,9 +3,10 @@
     python benchmarks/stated_uncertainties.py FILE --kind laboratory --count 60   identify, keep a line of each
     python benchmarks/stated_uncertainties.py --summary FILE...                   figures of the lines that are there
 
-Kinds: `laboratory` is aps400_laboratory, another one for each seed; `rig` a random linear table with dry friction and
-a random linear specimen (benchmarks/random_tables.py, from seed 1000); `virtual` is aps400_virtual, another noise for
-each seed. A seed that has its line is not identified again.
+Kinds: `laboratory` is aps400_laboratory, another one for each seed, with another excitation: what friction adds to the
+response follows the excitation, and would be the same in all laboratories with the same one; `rig` a random linear
+table with dry friction and a random linear specimen (benchmarks/random_tables.py, from seed 1000); `virtual` is
+aps400_virtual, another noise for each seed. A seed that has its line is not identified again.
 
 The truth is the linear part of the rig's equations of motion: table in slip, joints in slip, storeys at small drift,
 amplifier without cross-over (docs/background/identification.md). Its eigenvalues are made here by generalised
@@ -44,7 +45,8 @@ def setup_for(kind: str, number: int) -> Setup:
     """Return the case of a laboratory or rig."""
     if kind == "rig":
         return setup_of(draw(FIRST_SEED + number))
-    table = {"laboratory": ["table=aps400_laboratory"], "virtual": []}[kind]
+    laboratory = ["table=aps400_laboratory", f"identification.seed={number}"]
+    table = {"laboratory": laboratory, "virtual": []}[kind]
     return make_setup(load_cases([CASE], [*table, f"seed={number}"])[0], ("model",))
 
 

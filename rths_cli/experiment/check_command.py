@@ -171,7 +171,7 @@ def _on_true_error(setup: Setup, judged: Judged) -> tuple[str, str]:
         told += f", {share * uncertain.pitch[worst]:.2g} % by pitch of the specimen's base"
     if remedy is None:
         return told, ""
-    channels = setup.rig.channels
+    channels, error = setup.rig.channels, f"{100.0 * remedy.error:.2g}"
     if remedy.parameter < len(channels):
         name = channels[remedy.parameter].name
         what, option = f"a comparison of the sensor of {name}", f"--sensitivity {name}=VALUE"
@@ -179,9 +179,9 @@ def _on_true_error(setup: Setup, judged: Judged) -> tuple[str, str]:
         name = channels[1 + remedy.parameter - 3 * len(channels)].name
         what, option = f"weighing {name}", f"--mass {name}=KG"
     return told, (
-        f"{what} to {100.0 * remedy.error:.2g} % would lower the bound of the true error from "
+        f"{what} to {error} % would lower the bound of the true error from "
         f"{share * uncertain.bound[worst]:.2g} to {share * remedy.bound[worst]:.2g} % of {of_what} "
-        f"(storey {worst + 1}): rths calibrate {shown(setup.case.path)} {option} takes it"
+        f"(storey {worst + 1}): rths calibrate {shown(setup.case.path)} {option}+-{error}% --output FILE takes it"
     )
 
 

@@ -81,8 +81,9 @@ def test_one_comparison_and_one_weighing_calibrate_all_and_lower_the_bound(lab: 
     checked = api.check(lab / "quake.yaml", settings=with_model)
     advice = next(note for note in checked.warnings if "would lower the bound of the true error" in note)
     assert advice.endswith(" takes it")
-    command, option = advice.removesuffix(" takes it").split("rths calibrate ")[1].split(" --")
-    assert command.endswith("quake.yaml") and option in {"mass floor_2=KG", "mass floor_3=KG"}
+    command, option, output = advice.removesuffix(" takes it").split("rths calibrate ")[1].split(" --")
+    assert command.endswith("quake.yaml") and option in {"mass floor_2=KG+-0.1%", "mass floor_3=KG+-0.1%"}
+    assert output == "output FILE"
     before = checked.metrics["check.true_error_bound_m_s2"]
     compared = f"table={1e3 * 1.015 * 1.001:.2f} mV/g +- 0.2 %"  # 0.1 % off itself
     weighed = (f"floor_2={6.91 * 1.0005 * 0.9996:.5f}+-0.1%",)

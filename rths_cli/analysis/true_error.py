@@ -30,6 +30,7 @@ LEAST_LINES = 8  # in the band of the table's model, of which its alias can be t
 LEAST_ERROR = 1e-4  # of a measured response, relative: with less no line is weighed more
 PREDICTION = 0.4  # standard uncertainty of the logarithm of what is predicted without regard to calibration
 BOUND = 0.95
+WORTH = 0.95  # of the bound, to which a measurement must lower it to be advised
 BETTER_GAIN, BETTER_MASS = 0.002, 0.001  # what a comparison of sensors, and a good balance, attain
 
 
@@ -195,7 +196,8 @@ def true_error(known: Sensitivities, found: Calibration, own: OwnError) -> TrueE
 
 
 def best_remedy(known: Sensitivities, found: Calibration, own: OwnError) -> Remedy | None:
-    """Return the one further measurement of a gain or a mass that lowers the largest bound most; None if none does."""
+    """Return the one further measurement of a gain or a mass that lowers the largest bound most; None if none lowers it
+    to WORTH of what it is."""
     channels = len(found.gain)
     candidates = [(place, BETTER_GAIN) for place in range(channels)]
     candidates += [(3 * channels + floor, BETTER_MASS) for floor in range(len(found.mass))]
@@ -207,6 +209,6 @@ def best_remedy(known: Sensitivities, found: Calibration, own: OwnError) -> Reme
             continue
         after = found.covariance - np.outer(column, column) / (column[place] + error**2)
         bound = np.quantile(known.drawn(after, own), BOUND, axis=0)
-        if float(bound.max()) < (float(best.bound.max()) if best else found_now):
+        if float(bound.max()) < (float(best.bound.max()) if best else WORTH * found_now):
             best = Remedy(place, error, bound)
     return best

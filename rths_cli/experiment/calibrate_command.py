@@ -234,9 +234,8 @@ def _read(told: str, place: int, parameter: _Parameter) -> Measured:
     size = parameter.units[units.pop()] if units else 1.0
     value, error = float(matched[1]) * size, float(matched[3]) * size
     if not (math.isfinite(value) and value > 0.0):
-        raise InputError(
-            f"{label}: the value must be finite and > 0 {parameter.unit}; a sign belongs to the rig file (sign: -1)"
-        )
+        sign = "; a sign belongs to the rig file (sign: -1)" if parameter.unit != KG else "; weigh again"
+        raise InputError(f"{label}: the value must be finite and > 0 {parameter.unit}{sign}")
     relative = float(matched[3]) / 100.0 if in_percent else error / value
     if not LEAST <= relative <= FARTHEST:
         raise InputError(

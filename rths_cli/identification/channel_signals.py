@@ -64,6 +64,7 @@ def flat_tops(accel: Array, rest_rms_m_s2: float = 0.0, bit_m_s2: float = 0.0) -
 
 DEAD_BITS, DEAD_OVER_SILENCE = 1.0, 3.0
 CLIPPED_SHARE = 0.98
+NO_SENSOR = 2.0  # times its range that a channel in the right unit never reads
 MAINS_HZ = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)  # both public grids and their harmonics, whatever the band
 HUM_OVER_FLOOR = 10.0
 HUM_WORTH_SAYING = 2e-3  # of the excited rms
@@ -113,6 +114,11 @@ def _signal_faults(channel: Channel, accel: Array, info: RigInfo, record: Record
             f"check sensor and cable{still}, or take a sensor of less noise"
         ]
     largest = float(np.abs(accel).max())
+    if largest > NO_SENSOR * channel.range:
+        return [
+            f"channel {channel.name}: reads {largest:.4g} m/s^2, {largest / channel.range:.3g} times its sensor's "
+            f"range of {channel.range:.4g}, which no sensor shows; check the channel's unit and sensitivity"
+        ]
     if largest > CLIPPED_SHARE * channel.range:
         return [
             f"channel {channel.name}: clipped, {largest:.4g} m/s^2 reaches the sensor's range of "

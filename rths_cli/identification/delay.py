@@ -107,5 +107,5 @@ def doubts(found: DelayEstimate | None) -> tuple[str, ...]:
     return (
         f"delay: the data show {1e3 * found.identified_s:.3f} +- {2e3 * found.error_s:.3f} ms from command to table, "
         f"{1e3 * found.declared_s:.3f} ms are declared (latency, half a sample of hold, transport); check "
-        "converters.latency_samples and the channels' timing",
+        "converters.latency_samples and the channels' timing; a flexible deck beyond the band looks the same",
     )

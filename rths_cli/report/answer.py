@@ -370,17 +370,34 @@ def _true_error(result: Result) -> TrueErrorSaid | None:
 
 
 def _as_it_is(result: Result, percent: float) -> str:
-    """Return words on the errors against the specimen as it is, "" where these explain less than half of `percent`."""
+    """Return words on the errors against the specimen as it is, "" where these explain less than half of `percent` and
+    are within the bound that was stated of them."""
     errors, ratios = (
         np.atleast_1d(np.asarray(result.metrics.get(f"exp_rths.true_reference_{name}", ()), dtype=float))
         for name in ("nrmse_percent", "ratio")
     )
-    if not errors.size or not np.isfinite(errors).all() or errors.max() > DECLARED_WRONG * percent:
+    if not errors.size or not np.isfinite(errors).all():
+        return ""
+    beyond = _beyond_bound(result)
+    if errors.max() > DECLARED_WRONG * percent and not beyond:
         return ""
     of_delay = f" and {three(ratios.max())} of SIM-DELAY's" if ratios.size and np.isfinite(ratios).all() else ""
     return (
         f"against SIM of the specimen as it is, which differs from the declared one, {three(errors.max())} %{of_delay}"
+        f"{beyond}"
     )
+
+
+def _beyond_bound(result: Result) -> str:
+    """Return words on true errors beyond the bound that the check stated, "" where there are none."""
+    true, bound = (
+        np.atleast_1d(np.asarray(result.metrics.get(name, ()), dtype=float))
+        for name in ("exp_rths.true_reference_rms_error_m_s2", "check.true_error_bound_m_s2")
+    )
+    if not true.size or true.shape != bound.shape or not np.any(true > bound):
+        return ""
+    worst = int(np.argmax(true / bound))
+    return f", {three(true[worst] / bound[worst])} times the stated bound of storey {worst + 1}"
 
 
 def _virtual(result: Result) -> bool:

@@ -152,3 +152,4 @@ def test_the_remedy_is_the_measurement_that_helps_most():
     assert np.all(remedy.bound < 0.2 * before.bound)
     nothing = Calibration(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), np.zeros((11, 11)))
     assert best_remedy(known(), nothing, OwnError(np.ones(3), np.ones(3))) is None
+    assert best_remedy(known(), found, OwnError(np.full(3, 100.0 * before.bound.max()), np.zeros(3))) is None

@@ -180,6 +180,11 @@ def test_what_is_no_measurement_is_refused_and_nothing_is_written(lab: Path, tex
     assert WRONG[text] in fault and len(fault) < 700 and not (lab / "lab.yaml").exists()
 
 
+def test_a_mass_has_no_sign(lab: Path) -> None:
+    with pytest.raises(InputError, match=r"must be finite and > 0 kg; weigh again$"):
+        calibrate_rig(asked(lab, masses=("floor_2=-6.9+-1%",)), None)
+
+
 def test_faults_of_all_measurements_are_told_at_once(lab: Path) -> None:
     with pytest.raises(InputError) as caught:
         calibrate_rig(asked(lab, "table=1", "table=0.1+-1%", "table=0.1+-1%", masses=("floor_9=7+-1%",)), None)

@@ -239,6 +239,14 @@ def test_channel_at_its_range_is_clipped() -> None:
     assert "sensor's range" in fault
 
 
+def test_a_channel_far_beyond_its_range_has_a_wrong_unit() -> None:
+    made = clean(1)
+    accel = made.record.accel_m_s2.copy()
+    accel[1] *= 1000.0
+    (fault,) = faults(made, accel)
+    assert "channel floor_1: reads " in fault and "check the channel's unit" in fault
+
+
 @pytest.mark.parametrize("hz", [50.0, 60.0, 150.0])
 @pytest.mark.parametrize("kind", KINDS)
 def test_hum_is_found_in_silence_with_its_amplitude(kind: Kind, hz: float) -> None:

@@ -120,6 +120,18 @@ def test_the_error_against_the_specimen_as_it_is_stands_beside_a_large_one(tmp_p
         assert (words in said) == told
 
 
+def test_a_true_error_beyond_its_stated_bound_is_told(tmp_path: Path) -> None:
+    for beyond in (False, True):
+        bound = np.array([1.0, 1.0, 2.0 if beyond else 8.0])
+        values = figures() | {
+            "exp_rths.true_reference_nrmse_percent": np.full(3, 0.15),  # of 0.2
+            "exp_rths.true_reference_rms_error_m_s2": np.array([0.5, 0.9, 5.0]),
+            "check.true_error_bound_m_s2": bound,
+        }
+        said = verdict(read_result(written(tmp_path / f"{beyond}.h5", values)))
+        assert ("0.150 %, 2.50 times the stated bound of storey 3" in said) == beyond
+
+
 def test_a_doubt_on_units_stands_before_the_grade(tmp_path: Path) -> None:
     path = written(tmp_path / "a.h5", figures(), units_in_doubt="structure.experimental.masses_kg")
     told = verdict(read_result(path))

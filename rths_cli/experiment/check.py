@@ -229,11 +229,16 @@ def _pitch_error(identified: Identification, building: Building, known: Known) -
 
 def stiffness_uncertainty(setup: Setup, identified: Identification) -> float:
     """Return the relative standard uncertainty of the specimen's stiffness in the test: that of the identified one
-    together with that of its change until then."""
+    together with that of its change until then.
+
+    The identified frequencies are as uncertain as their dependence on the level makes them. During a record the level
+    is now above and now below that of the identification.
+    """
     fit = identified.specimen
     assert fit is not None  # every case has experimental storeys
-    error = float(np.max(fit.stiffness_error_n_per_m / fit.stiffness_n_per_m))
-    return float(np.hypot(setup.rig.uncertainty.specimen, error))
+    of_storeys = float(np.max(fit.stiffness_error_n_per_m / fit.stiffness_n_per_m))
+    of_modes = 2.0 * float(np.max(fit.frequency_error_hz / fit.natural_frequency_hz))
+    return float(np.hypot(setup.rig.uncertainty.specimen, max(of_storeys, of_modes)))
 
 
 def changed_specimen_error(

@@ -16,7 +16,7 @@ from rths_cli.control.part_designs import PartDesign
 from rths_cli.errors import InputError
 from rths_cli.experiment import design_choice
 from rths_cli.experiment.case_warnings import of_case
-from rths_cli.experiment.check import changed_specimen_error, judge
+from rths_cli.experiment.check import changed_specimen_error, judge, stiffness_uncertainty
 from rths_cli.experiment.check_command import check_cases, verdict_on
 from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.design_choice import choose_design
@@ -133,6 +133,19 @@ def test_a_filter_that_a_damaged_specimen_makes_unstable_is_not_chosen(
     monkeypatch.setattr(design_choice, "KNOWN_RANGE", (0.7, 1.0))
     found = designed(memory, *COARSE)
     assert found.chosen_filter is None and found.blocks.counters_reaction
+
+
+def test_a_specimen_whose_stiffness_depends_on_the_level_is_trusted_less(memory: Memory) -> None:
+    """Frequencies that differ between rest and the identification's level by more than they are known to."""
+    setup = setup_of(*COARSE)
+    found = memory.identify(setup, lambda _: None)
+    fit = found.specimen
+    assert fit is not None
+    bent = replace(found, specimen=replace(fit, frequency_error_hz=0.006 * fit.natural_frequency_hz))
+    assert stiffness_uncertainty(setup, bent) == pytest.approx(np.hypot(0.012, setup.rig.uncertainty.specimen))
+    trusted = [choose_design(setup, one, design_blocks(setup, one))[0].chosen_filter for one in (found, bent)]
+    assert trusted[0] is not None and trusted[0].q < 1.0
+    assert trusted[1] is None or trusted[1].q > trusted[0].q
 
 
 def test_without_a_better_filter_the_reaction_is_countered(memory: Memory) -> None:

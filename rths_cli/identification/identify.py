@@ -190,7 +190,7 @@ def _without_staircase(record: Record, model: Model) -> Record:
 def _ripple_error(data: Evidence, table: _Table, dry: Friction | None) -> float:
     """Return the standard uncertainty of the fitted ripple in m/s^2 per V."""
     chosen, other = table.fit.chosen, table.fit.other
-    moved = shifts(chosen, table.fit.frf, table.levels, data.level_ratio, dry)[-1]
+    moved = shifts(chosen, table.fit.frf, table.levels, data.level_ratio, dry, data.info.uncertainty.skew_s)[-1]
     by_structure = 0.0 if other is None else float(other.parameters[-1] - chosen.parameters[-1])
     return float(np.sqrt(chosen.covariance[-1, -1] + moved**2 + by_structure**2))
 
@@ -246,7 +246,8 @@ def _table(data: Evidence, fit: TableFit, given: Model | None) -> _Table:
     paper = best if given and len(best.zeros) == len(best.poles) else fit.paper
     (compared, in_table), ratio = levels(data, fit), data.level_ratio
     comparable = data.settings.like_noise and ratio >= LEAST_LEVELS
-    latency = delay.estimate((fit.first, fit.chosen), fit.frf, info, compared, ratio, data.settings.sensors_removed)
+    fits = (fit.first, fit.chosen, *([fit.other] if fit.other else []))
+    latency = delay.estimate(fits, fit.frf, info, compared, ratio, data.settings.sensors_removed)
     late = delay.doubts(latency) or (() if given else verdict.late(model, info))
     structure = () if given else (*doubtful(fit.chosen), *verdict.not_held(fit.candidates))
     in_storeys = level_dependence.of_specimen(data.records, data.quiet, info, data.masses_kg, data.settings.band_hz)
@@ -317,7 +318,7 @@ def _roots(
     chosen = table.fit.chosen
     systematic = together(
         chosen,
-        shifts(chosen, table.fit.frf, table.levels, data.level_ratio, dry),
+        shifts(chosen, table.fit.frf, table.levels, data.level_ratio, dry, data.info.uncertainty.skew_s),
         of_structure(chosen, table.fit.other),
         of_specimen(chosen, *of_level),
     )

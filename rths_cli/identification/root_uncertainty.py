@@ -1,4 +1,4 @@
-"""Systematic uncertainty of the model's poles and zeros: from delay, friction, structure and level of the motion."""
+"""Systematic uncertainty of the model's poles and zeros: from instants, springs, friction, structure and level."""
 
 from __future__ import annotations
 
@@ -10,21 +10,26 @@ from rths_cli.identification.least_squares import linear, parts
 from rths_cli.identification.results import Friction, LevelBand
 from rths_cli.identification.specimen_fit import CLOCK, SKEW
 from rths_cli.identification.table_fit import HOLD, Fit, problem_of, timing_of
-from rths_cli.identification.verdict import SHORTFALL
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
 
+FLEXIBLE = 2  # pole pairs beyond those of zeros: of the loop, and of a deck on a flexible drive
+SPRING_DAMPING = 0.05  # part of a pair's damping ratio beyond the band that the dashpot of its spring may be
+UNKNOWN_LAW = 2.0  # factor on the effect at full level that dry friction would have, for friction of another law
 SAME_MODE = 0.2  # logarithm of a frequency ratio within which a pole and a mode of the specimen are the same
 
 
 def shifts(
-    found: Fit, frf: Frf, levels: Sequence[LevelBand], level_ratio: float, friction: Friction | None = None
-) -> Array:
+    found: Fit, frf: Frf, levels: Sequence[LevelBand], level_ratio: float, friction: Friction | None = None,
+    skew_s: float = 0.0,
+) -> Array:  # fmt: skip
     """Return the systematic uncertainty (n_parameters,) of the parameters of a fit, beside their random error.
 
-    Two distortions of the response are propagated to first order: an error of 1 % of a sample in the declared delay,
-    and the effect of friction at full level. Friction that the low-level record has shown is an equivalent dashpot,
-    kappa c G exp(s T) / s for the table's response G; other friction is d / (r - 1) for a difference d between levels
-    of ratio r.
+    Three distortions of the response are propagated to first order: a lag of 1 % of a sample and of the declared
+    uncertainty `skew_s` of the instants of command and samples, each; the lead of a spring beyond the band, which no
+    model has; and the effect of friction at full level. Friction that the low-level record has shown is an equivalent
+    dashpot, kappa c G exp(s T) / s for the table's response G. Friction of an unknown law is twice what it were if it
+    were dry, d / (r - 1) for a difference d between levels of ratio r: one that sticks over part of the motion leaves
+    more at full level.
     """
     model = found.model
     problem = problem_of(frf, found.layout, timing_of(model), model.band_hz, ripple=True)
@@ -32,13 +37,26 @@ def shifts(
     held = found.layout.zeros(found.held_zeros)
     fixed = np.diag(np.where(np.isin(np.arange(len(found.parameters)), np.arange(held.start, held.stop)), HOLD, 0.0))
     known = np.hstack([slopes, fixed])
-    late = problem.s * SKEW * model.dt_s
+    late = problem.s * np.hypot(SKEW * model.dt_s, np.sqrt(2.0) * skew_s)
     frequency = np.abs(problem.s) / (2.0 * np.pi)
     shown = friction is not None and friction.shown
     rubbed = _dashpot(model, problem.s, friction) if friction and shown else _friction(frequency, levels, level_ratio)
-    distortions = [late, rubbed]
+    distortions = [late, problem.s * _spring_lead_s(found), rubbed]
     moved = [np.append(parts(problem.weight * each), np.zeros(len(fixed))) for each in distortions]
-    return np.hypot(*(linear(known, each) for each in moved))
+    return np.asarray(np.linalg.norm([linear(known, each) for each in moved], axis=0))
+
+
+def _spring_lead_s(found: Fit) -> float:
+    """Return the lead in s that the dashpot of a deck's spring may add to what the spring transmits, 0 within the band.
+
+    A spring k with a dashpot c transmits k + c s: a lead of c / k. Within the band it cancels the lag that the dashpot
+    gives the pole pair beyond the band, whose damping is found too small.
+    """
+    layout = found.layout
+    if layout.pole_pairs - layout.zero_pairs < FLEXIBLE:
+        return 0.0
+    fastest = float(np.exp(max(found.parameters[columns[0]] for columns in _poles(found)[: layout.pole_pairs])))
+    return 2.0 * SPRING_DAMPING / fastest if fastest > 2.0 * np.pi * found.model.band_hz[1] else 0.0
 
 
 def _friction(frequency_hz: Array, levels: Sequence[LevelBand], level_ratio: float) -> ComplexArray:
@@ -46,7 +64,7 @@ def _friction(frequency_hz: Array, levels: Sequence[LevelBand], level_ratio: flo
     if not levels or not level_ratio > 1.0:
         return np.zeros(len(frequency_hz), dtype=complex)
     centres = np.sqrt([band.low_hz * band.high_hz for band in levels])
-    share = SHORTFALL * (np.array([band.ratio for band in levels]) - 1.0) / (level_ratio - 1.0)
+    share = UNKNOWN_LAW * (np.array([band.ratio for band in levels]) - 1.0) / (level_ratio - 1.0)
     at = np.log(frequency_hz)
     return np.interp(at, np.log(centres), share.real) + 1j * np.interp(at, np.log(centres), share.imag)
 

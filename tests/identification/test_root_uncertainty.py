@@ -10,10 +10,9 @@ import pytest
 from made_records import make_specimen, true_response
 
 from rths_cli.identification.results import Friction, LevelBand
-from rths_cli.identification.root_uncertainty import of_specimen, of_structure, shifts, together
+from rths_cli.identification.root_uncertainty import UNKNOWN_LAW, of_specimen, of_structure, shifts, together
 from rths_cli.identification.specimen_fit import CLOCK, SKEW
 from rths_cli.identification.table_fit import Fit, Timing, first_fit, fit, refit
-from rths_cli.identification.verdict import SHORTFALL
 from rths_cli.numerics.bands import USUAL
 from rths_cli.numerics.lti import Frf
 
@@ -38,7 +37,7 @@ def test_shifts_are_those_of_a_fit_to_a_distorted_response(frf: Frf) -> None:
     late = np.exp(-2j * np.pi * frf.frequency_hz * SKEW * DT)
     by_delay = refit(replace(frf, response=frf.response * late), found).parameters - found.parameters
     change = 0.004 * (1.0 - 0.5j)
-    share = SHORTFALL * change / (RATIO - 1.0)
+    share = UNKNOWN_LAW * change / (RATIO - 1.0)
     by_friction = refit(replace(frf, response=frf.response * (1.0 + share)), found).parameters - found.parameters
     got = shifts(found, frf, levels(change), RATIO)
     free = np.ones(len(got), dtype=bool)
@@ -105,3 +104,25 @@ def test_a_pole_is_as_uncertain_as_the_mode_of_the_floors_that_it_is(found: Fit)
     assert np.count_nonzero(got) == 4
     clock = together(found, np.zeros(len(found.parameters)))
     assert clock[1:8].tolist() == [CLOCK, 0.0, CLOCK, 0.0, CLOCK, 0.0, CLOCK] and not clock[8:].any()
+
+
+@pytest.mark.parametrize("damping_ratio", [0.01, 0.05])
+def test_the_damping_of_a_deck_beyond_the_band_is_as_uncertain_as_its_dashpot_makes_it(
+    frf: Frf, damping_ratio: float
+) -> None:
+    """A deck driven through spring k and dashpot c: (k + c s) / (k + c s + m s^2), of two masses with a known pole."""
+    s, omega = 2j * np.pi * frf.frequency_hz, 2.0 * np.pi * 190.0
+    carried = 1.0 + 2.0 * damping_ratio * s / omega
+    bent = replace(frf, response=frf.response * carried / (carried + (s / omega) ** 2))
+    deck = refit(bent, first_fit(bent, MODES, Timing(1, DT), (0.5, 60.0), flexible=True))
+    column = 2 * deck.layout.pole_pairs - 1
+    found_omega, found_ratio = np.exp(deck.parameters[column : column + 2])
+    assert found_omega == pytest.approx(omega, rel=0.05)
+    assert found_ratio < 0.7 * damping_ratio  # the dashpot's lead hides its damping
+    stated = found_ratio * shifts(deck, bent, (), RATIO)[column + 1]
+    assert damping_ratio - found_ratio < 2.0 * stated < 0.2
+
+
+def test_declared_instants_count_for_command_and_samples(frf: Frf, found: Fit) -> None:
+    certain, uncertain = (shifts(found, frf, (), RATIO, skew_s=skew_s) for skew_s in (0.0, 25e-6))
+    assert uncertain == pytest.approx(certain * np.hypot(SKEW * DT, np.sqrt(2.0) * 25e-6) / (SKEW * DT), rel=1e-6)

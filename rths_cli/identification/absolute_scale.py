@@ -10,7 +10,7 @@ up by a step of a Kalman filter.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -155,4 +155,7 @@ def with_scale(found: Calibration, seen: Sequence[Observation], further: int = 0
     own = np.ones(max([further, *(one.place + 1 for one in seen)]))
     for one in seen:
         own[one.place] = np.exp(one.value - float(one.weights @ mean)) if np.isfinite(one.value) else 1.0
-    return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), spread, own)
+    return replace(
+        found, gain=np.exp(gain), coupling=np.exp(coupling), late_s=late_s, mass=np.exp(mass), covariance=spread,
+        further_gain=own,
+    )  # fmt: skip

@@ -9,7 +9,8 @@ weighing are observations of one parameter each, with their own uncertainties: i
 comparison moves every sensor.
 
 Two uncertainties are returned of each. The joint one is that of this posterior. The one of the parameter by itself is
-what is known of it without the ratios; it is the prior for an identification that shows the ratios anew. Joint
+what is known of it without the ratios, as the identification widened it where sensors or masses differ more than
+declared: the prior for an identification that shows the ratios anew, and by then no longer the differences. Joint
 uncertainties would count the ratios twice there: several sensors that all follow from one comparison would pass for as
 many comparisons.
 """
@@ -61,6 +62,9 @@ def before(info: RigInfo, masses_kg: Array, found: Calibration | None) -> Belief
     if found is None:
         return Belief(np.zeros(alone.size), np.diag(alone**2), alone)
     masses = slice(channels + further, None)
+    for places, prior in ((slice(0, channels), found.gain_prior), (masses, found.mass_prior)):
+        if prior.size:  # a model of an earlier version has none
+            alone[places] = np.maximum(alone[places], prior)
     demand = np.zeros((alone.size, 3 * channels + floors))
     demand[:channels, :channels], demand[masses, 3 * channels :] = np.eye(channels), np.eye(floors)
     mean, rest = np.zeros(alone.size), np.zeros(alone.size)

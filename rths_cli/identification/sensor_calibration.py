@@ -101,7 +101,10 @@ def as_stated(priors: Priors) -> Calibration:
     """Return what is known of sensors and masses without a record: that they are as declared, and how uncertain."""
     c, n = len(priors.gain), len(priors.mass)
     spread = np.concatenate([priors.gain, priors.coupling, priors.late_s, priors.mass])
-    return Calibration(np.ones(c), np.ones(c), np.zeros(c), np.ones(n), np.diag(spread**2))
+    return Calibration(
+        np.ones(c), np.ones(c), np.zeros(c), np.ones(n), np.diag(spread**2),
+        gain_prior=priors.gain, mass_prior=priors.mass,
+    )  # fmt: skip
 
 
 def priors_of(info: RigInfo, sensors_removed: bool, table: Model, ripple_error: float = np.inf) -> Priors:
@@ -642,7 +645,9 @@ class Fitted:
         for kind in (slice(0, c), slice(3 * c, shown)):  # of differences: a common error is in the prior
             apart = np.eye(kind.stop - kind.start) - 1.0 / (kind.stop - kind.start)
             spread[kind, kind] += apart @ np.diag(left[kind]) @ apart
-        return Calibration(np.exp(gain), np.exp(coupling), late_s, np.exp(mass), spread)
+        return Calibration(
+            np.exp(gain), np.exp(coupling), late_s, np.exp(mass), spread, gain_prior=priors.gain, mass_prior=priors.mass
+        )
 
     @property
     def masses_kg(self) -> Array:

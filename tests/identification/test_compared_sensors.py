@@ -75,6 +75,12 @@ def test_a_parameter_by_itself_forgets_the_ratios():
     assert belief.alone == pytest.approx([(0.01**-2 + 0.002**-2) ** -0.5, 0.01, 0.01, 0.003, 0.003])
 
 
+def test_differences_that_widened_the_prior_stay_in_it():
+    """The next identification sees the sensors as calibrated, and no differences any more."""
+    found = replace(identified(), gain_prior=np.array([0.019, 0.019, 0.019]), mass_prior=np.array([0.002, 0.005]))
+    assert before(rig(), MASSES, found).alone == pytest.approx([0.019, 0.019, 0.019, 0.003, 0.005])
+
+
 def test_sensors_that_the_identification_took_up_follow_accelerometers_and_masses():
     known = rig(SENSOR, CELL, STRAIN)
     found = identified(further=(1.002, 0.997, 1.0))

@@ -383,13 +383,15 @@ class Case(CaseKeys):
     """Hold a checked case, defaults filled in; `limits` are already merged into `table.limits`.
 
     `rig_file`: the file that states the kind of rig, None where the case itself or --set does. `stated`: the keys that
-    the case file or --set state, as paths (`controller.command_weight`).
+    the case file or --set state, as paths (`controller.command_weight`). `places`: where each key of the case stands,
+    by its path: in which file, or in which --set.
     """
 
     path: Path
     yaml_text: str
     rig_file: Path | None = Field(default=None, exclude=True)
     stated: tuple[str, ...] = Field(default=(), exclude=True)
+    places: Mapping[str, Any] = Field(default_factory=dict, exclude=True, repr=False)
 
     @property
     def n_storeys(self) -> int:

@@ -297,8 +297,22 @@ def _validate(
         wrong = [fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost]
         return None, _first_of_each_value(wrong)
     table = keys.table.model_copy(update={"limits": keys.table.limits.tightened(keys.limits)})
-    about = {"path": path.absolute(), "yaml_text": text, "rig_file": _rig_file(tree, path.absolute()), "stated": stated}
+    about = {
+        "path": path.absolute(),
+        "yaml_text": text,
+        "rig_file": _rig_file(tree, path.absolute()),
+        "stated": stated,
+        "places": dict(_marks(tree)),
+    }
     return Case.model_construct(**dict(keys) | {"table": table} | about), []  # its values are those checked above
+
+
+def _marks(tree: Node, above: str = "") -> Iterator[tuple[str, Mark]]:
+    """Yield path and place of each key of an expanded document."""
+    for key, node in tree.children.items():
+        path = join(above, key)
+        yield path, node.mark
+        yield from _marks(node, path)
 
 
 def _rig_file(tree: Node, case: Path) -> Path | None:

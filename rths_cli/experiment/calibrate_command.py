@@ -22,7 +22,7 @@ from rths_cli.experiment.model_files import load
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.durable_files import write_new
 from rths_cli.identification.compared_sensors import Belief, Measured, after, before, contradiction
-from rths_cli.rigs.from_case import declared_info
+from rths_cli.rigs.from_case import declared_info, weighed
 from rths_cli.safe_text import shortened
 
 CONTRADICTS = 5.0  # standard uncertainties from which a measurement is a mistake in a file, a unit or a reading
@@ -278,7 +278,7 @@ def _rows(
 
 def _calibration(setup: Setup, asked: CalibrateRequest, rows: Sequence[Row]) -> CalibrationSpec:
     channels = [row for row in rows if row.unit != KG]
-    before_kg = {one.floor: one for one in setup.case.table.calibration.masses} if setup.case.table.calibration else {}
+    before_kg = {one.floor for one in weighed(setup.case)}
     masses = [row for row in rows if row.unit == KG and (row.measured is not None or row.name in before_kg)]
     return CalibrationSpec(
         rig=setup.case.table.name.removesuffix(VARIED),
@@ -292,6 +292,7 @@ def _calibration(setup: Setup, asked: CalibrateRequest, rows: Sequence[Row]) -> 
             )
             for row in channels
         ),
+        specimen=setup.case.structure.name.removesuffix(VARIED) if masses else "",
         masses=tuple(
             CalibratedMass(floor=row.name, mass_kg=_digits(row.found, 6), mass_uncertainty=_digits(row.alone, 4))
             for row in masses

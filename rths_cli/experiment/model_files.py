@@ -50,7 +50,7 @@ HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
     "imperfections": {"laboratory"},
     "uncertainty": {"table_gain"},
     "calibration": {
-        **dict.fromkeys(("made_utc", "by", "model", "masses"), True),
+        **dict.fromkeys(("made_utc", "by", "model", "specimen", "masses"), True),
         "channels": {"__all__": {"sensitivity_uncertainty", "joint_uncertainty"}},
     },
 }

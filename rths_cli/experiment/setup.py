@@ -10,10 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.case.resolve import expand_case
 from rths_cli.case.shipped_files import is_shipped
-from rths_cli.case.yaml_reader import parse
-from rths_cli.case.yaml_tree import Source
 from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.errors import InputError
 from rths_cli.experiment.ground_motion import GroundMotion, compressed, prepare
@@ -191,16 +188,9 @@ def make_setups(
 def placed(case: Case, fault: str) -> str:
     """Return a sentence with the case's file before it, and with the place of the key by which the sentence begins."""
     keys = fault.partition(": ")[0].split(".")
-    node = parse(case.yaml_text, Source(shown(case.path), case.path.parent))[0] if case.path.is_file() else None
-    if node is not None and len(keys) > 1:  # which may stand in a file that the case names
-        node = expand_case(node, case.path.stem)[0]
-    for key in keys:
-        below = node.children.get(key) if node is not None else None
-        if below is None:
-            node = None if key == keys[0] else node
-            break
-        node = below
-    return f"{node.mark if node is not None else shown(case.path)}: {fault}"
+    paths = (".".join(keys[:count]) for count in range(len(keys), 0, -1))
+    place = next((case.places[path] for path in paths if path in case.places), shown(case.path))
+    return f"{place}: {fault}"
 
 
 def _named(case: Case, fault: str) -> bool:

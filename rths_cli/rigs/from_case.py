@@ -29,7 +29,7 @@ from rths_cli.structure import assemble
 from rths_cli.structure.storey_laws import stacked
 
 if TYPE_CHECKING:
-    from rths_cli.case.calibration_schema import CalibrationSpec
+    from rths_cli.case.calibration_schema import CalibratedMass, CalibrationSpec
     from rths_cli.case.case_schema import Case
     from rths_cli.case.rig_schema import LimitsSpec, RealSensorsSpec, RigSpec
     from rths_cli.numerics.lti import Array
@@ -50,19 +50,29 @@ def rig_info(case: Case) -> RigInfo:
     info = declared_info(case)
     if case.table.calibration is None:
         return info
-    return _as_calibrated(info, case.table.calibration, case.structure.experimental.masses_kg)
+    return _as_calibrated(info, case.table.calibration, weighed(case), case.structure.experimental.masses_kg)
 
 
-def _as_calibrated(info: RigInfo, calibration: CalibrationSpec, masses_kg: Sequence[float]) -> RigInfo:
+def weighed(case: Case) -> tuple[CalibratedMass, ...]:
+    """Return the masses of the floors on the table that a case's calibration holds, of another structure none."""
+    calibration = case.table.calibration
+    if calibration is None or calibration.specimen not in ("", case.structure.name.removesuffix(VARIED)):
+        return ()
+    return calibration.masses
+
+
+def _as_calibrated(
+    info: RigInfo, calibration: CalibrationSpec, balance: Sequence[CalibratedMass], masses_kg: Sequence[float]
+) -> RigInfo:
     """Return a rig with the sensitivities and uncertainties of a calibration in the place of the declared ones.
 
     What the structure states of a mass, `masses_kg` (n,), is off by its difference from the weighed one as well.
     """
     found = {one.name: one for one in calibration.channels}
     stated = {channel.name: mass for channel, mass in zip(info.channels[1:], masses_kg, strict=True)}
-    weighed = {
+    uncertain = {
         one.floor: math.hypot(one.mass_uncertainty, math.log(stated[one.floor] / one.mass_kg))
-        for one in calibration.masses
+        for one in balance
         if one.floor in stated
     }
 
@@ -78,8 +88,8 @@ def _as_calibrated(info: RigInfo, calibration: CalibrationSpec, masses_kg: Seque
             for channel in channels
         )
 
-    masses = tuple(weighed.get(channel.name, info.uncertainty.mass) for channel in info.channels[1:])
-    uncertainty = replace(info.uncertainty, masses=masses) if weighed else info.uncertainty
+    masses = tuple(uncertain.get(channel.name, info.uncertainty.mass) for channel in info.channels[1:])
+    uncertainty = replace(info.uncertainty, masses=masses) if uncertain else info.uncertainty
     return replace(info, channels=of(info.channels), further=of(info.further), uncertainty=uncertainty)
 
 
@@ -104,13 +114,13 @@ def calibration_faults(case: Case) -> Iterator[str]:
     if stale:
         yield f"{key}: was made when the rig file declared other sensitivities ({'; '.join(stale)} V per unit); {again}"
     masses = dict(zip(channel_names(case)[1:], case.structure.experimental.masses_kg, strict=True))
-    for weighed in calibration.masses:
-        stated = masses.get(weighed.floor)
+    for one in weighed(case):
+        stated = masses.get(one.floor)
         if stated is None:
-            yield f"{key}: holds the mass of {weighed.floor}, on the table stand {', '.join(masses)}; {again}"
-        elif abs(stated / weighed.mass_kg - 1.0) > max(weighed.mass_uncertainty, SAME):
+            yield f"{key}: holds the mass of {one.floor}, on the table stand {', '.join(masses)}; {again}"
+        elif abs(stated / one.mass_kg - 1.0) > max(one.mass_uncertainty, SAME):
             yield (
-                f"{key}: {weighed.floor} weighs {weighed.mass_kg:.6g} kg +- {100 * weighed.mass_uncertainty:.2g} %, "
+                f"{key}: {one.floor} weighs {one.mass_kg:.6g} kg +- {100 * one.mass_uncertainty:.2g} %, "
                 f"the structure states {stated:.6g}; correct masses_kg of the structure, or weigh again"
             )
 

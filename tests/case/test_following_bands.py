@@ -19,7 +19,8 @@ def case_of(*settings: str) -> Case:
 
 def test_the_usual_band_is_the_default() -> None:
     stated, unstated = case_of("test_band_hz=12"), case_of()
-    assert stated == unstated.model_copy(update={"yaml_text": stated.yaml_text, "stated": stated.stated})
+    about = ("yaml_text", "stated", "places")
+    assert stated == unstated.model_copy(update={key: getattr(stated, key) for key in about})
     options = unstated.identification
     assert (unstated.test_band_hz, options.compared_hz) == (12.0, (0.7, 11.0))
     assert (options.low_hz, options.high_hz, unstated.kalman.residual_hz) == (0.3, 60.0, 40.0)

@@ -148,6 +148,17 @@ def test_a_weighed_mass_that_the_structure_does_not_state_is_told_and_then_refus
         named(lab)
 
 
+def test_masses_of_another_structure_do_not_count(lab: Path) -> None:
+    calibrate_rig(asked(lab, masses=("floor_2=6.916+-0.1%",)), None)
+    assert named(lab).rig.uncertainty.masses
+    (lab / "other.yaml").write_text("extends: three_storey\nname: other\nexperimental: {masses_kg: [5.0, 4.0]}\n")
+    (lab / "quake.yaml").write_text(CASE.replace("three_storey", "other.yaml"))
+    assert named(lab).rig.uncertainty.masses == ()
+    (lab / "lab.yaml").write_text((lab / "lab.yaml").read_text().replace("specimen: three_storey\n", ""))
+    with pytest.raises(InputError, match=r"floor_2 weighs 6\.9154 kg .* the structure states 5"):
+        named(lab)
+
+
 def test_what_a_structure_states_within_the_uncertainty_counts_as_off_by_the_difference(lab: Path) -> None:
     calibrate_rig(asked(lab, masses=("floor_2=6.916+-0.1%",)), None)
     weighed = yaml.safe_load((lab / "lab.yaml").read_text())["masses"][0]
@@ -261,7 +272,7 @@ def test_a_calibration_of_another_rig_or_of_other_declared_sensors_is_refused(la
     with pytest.raises(InputError, match=r"table\.calibration: was made when .* \(table 0\.101972, now 0\.0509858;"):
         named(lab, RIG.replace("sensors: {", "sensors: {sensitivity_mv_per_g: 500, "))
     (lab / "other.yaml").write_text("extends: bench\n")
-    with pytest.raises(InputError, match=r"belongs to rig bench, this one is other; calibrate again"):
+    with pytest.raises(InputError, match=r"lab\.yaml:3:1: .*: belongs to rig bench, this one is other; calib"):
         make_setup(load_cases([lab / "quake.yaml"], [f"table={lab}/other.yaml"])[0])
     (lab / "other.yaml").write_text("extends: bench\ncalibration: null\n")
     assert make_setup(load_cases([lab / "quake.yaml"], [f"table={lab}/other.yaml"])[0]).case.table.calibration is None

@@ -447,26 +447,33 @@ def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) 
     command, rate = (_from_rest(known, values) for values in (motion.command_v, s * motion.command_v))
     accel = np.array([_from_rest(known, values) for values in motion.corrected])
     loudest = 0.0 if known.peaks_m_s2 is None else float(known.peaks_m_s2.max())
-    return reach_of_series(command, rate, accel, loudest, rig, masses_kg)
+    return reach_of_series(command, rate, accel, loudest, rig, masses_kg, known.shaped)
 
 
 def reach_of_series(
-    command_v: Array, rate_v_s: Array, accel_m_s2: Array, loudest_m_s2: float, rig: RigInfo, masses_kg: Array
+    command_v: Array,
+    rate_v_s: Array,
+    accel_m_s2: Array,
+    loudest_m_s2: float,
+    rig: RigInfo,
+    masses_kg: Array,
+    shaped: bool,
 ) -> tuple[Reach, ...]:
     """Return the peaks of a test with its limits, as `reach`, from command and its rate (n,) and accelerations (c, n).
 
-    `loudest_m_s2`: an acceleration that is known to be reached, whatever the series show.
+    `loudest_m_s2`: an acceleration that is known to be reached, whatever the series show. `shaped`: whether commands
+    are rounded with noise shaping, which carries an error over and can make two bits of it.
     """
     loudest = max(_peak(accel_m_s2), loudest_m_s2)
     place, speed = rig.gain_m_per_v * command_v, rig.gain_m_per_v * rate_v_s
     braked = place + 0.5 * speed * np.abs(speed) / (BRAKE_SHARE * rig.limits.acceleration_m_s2)
     force = masses_kg @ accel_m_s2
     range_m_s2 = min(min(c.range, rig.converters.range_v / c.sensitivity_v_per_unit) for c in rig.channels)
-    rounding = rig.gain_m_per_v * rig.converters.step_v / rig.dt_s
+    rounding = (2.0 if shaped else 1.0) * rig.gain_m_per_v * rig.converters.step_v / rig.dt_s
     stroke = min(rig.limits.stroke_m, rig.gain_m_per_v * rig.converters.range_v)
     return (
         Reach("displacement (with room to brake)", _peak(np.maximum(np.abs(place), np.abs(braked))), stroke, "m"),
-        Reach("velocity", _peak(speed) + rounding, rig.limits.velocity_m_s, "m/s"),
+        Reach("velocity", _peak(speed) + rounding, rig.limits.fastest_m_s(rig.gain_m_per_v), "m/s"),
         Reach("acceleration", loudest, rig.limits.acceleration_m_s2, "m/s^2"),
         Reach("accelerometers' range", loudest, range_m_s2, "m/s^2"),
         Reach("actuator force", _peak(force), rig.limits.force_n, "N"),

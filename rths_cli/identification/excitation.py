@@ -413,7 +413,7 @@ def reach(info: RigInfo, command_v: Array) -> dict[str, Reach]:
     limits = info.limits
     return {
         "stroke": Reach(info.gain_m_per_v * place, limits.stroke_m, "m"),
-        "velocity": Reach(velocity, limits.velocity_m_s, "m/s"),
+        "velocity": Reach(velocity, limits.fastest_m_s(info.gain_m_per_v), "m/s"),
         "acceleration": Reach(AMPLIFICATION * accel, limits.acceleration_m_s2, "m/s^2"),
         "sensor range": Reach(AMPLIFICATION * accel, sensor, "m/s^2"),
         "force": Reach(mass * accel, limits.force_n, "N"),

@@ -81,7 +81,6 @@ class _Table:
     levels: tuple[LevelBand, ...]  # response at low level over that at full level
     causes: LevelCauses  # why the two levels differ
     comparable: bool  # whether the levels are far enough apart to judge friction
-    latency: DelayEstimate | None
     warnings: tuple[str, ...]
 
 
@@ -240,19 +239,16 @@ def _specimen(data: Evidence, model: Model, start: Start) -> _Specimen:
 
 
 def _table(data: Evidence, fit: TableFit, given: Model | None) -> _Table:
-    """Return the table's models, the comparison of the levels, the delay and the warnings."""
+    """Return the table's models, the comparison of the levels and the warnings."""
     info, model = data.info, fit.chosen.model
     best = with_ripple(given, model) if given else model
     paper = best if given and len(best.zeros) == len(best.poles) else fit.paper
-    (compared, in_table), ratio = levels(data, fit), data.level_ratio
-    comparable = data.settings.like_noise and ratio >= LEAST_LEVELS
-    fits = (fit.first, fit.chosen, *([fit.other] if fit.other else []))
-    latency = delay.estimate(fits, fit.frf, info, compared, ratio, data.settings.sensors_removed)
-    late = delay.doubts(latency) or (() if given else verdict.late(model, info))
+    compared, in_table = levels(data, fit)
+    comparable = data.settings.like_noise and data.level_ratio >= LEAST_LEVELS
     structure = () if given else (*doubtful(fit.chosen), *verdict.not_held(fit.candidates))
     in_storeys = level_dependence.of_specimen(data.records, data.quiet, info, data.masses_kg, data.settings.band_hz)
     causes = LevelCauses(in_table, in_storeys)
-    return _Table(fit, best, paper, given is not None, compared, causes, comparable, latency, (*structure, *late))
+    return _Table(fit, best, paper, given is not None, compared, causes, comparable, structure)
 
 
 def _identification(
@@ -264,6 +260,8 @@ def _identification(
     if dry is not None and data.quiet is not None and table.comparable:
         lag_s = force_lag_s(best, specimen.excited.specimen) if specimen.excited else 0.0
         dry = friction.tried_on(dry, data.quiet, table.fit.chosen.model, lag_s, data.info, compared)
+    latency = _delay(data, table, dry)
+    late = delay.doubts(latency) or (() if table.given else verdict.late(table.fit.chosen.model, data.info))
     low = identify_specimen.at_low_level(data, table.fit.chosen.model, specimen.excited)
     of_level = identify_specimen.of_level(data.level_ratio, specimen.excited, low)
     excited, free = (identify_specimen.with_level(each, *of_level) for each in (specimen.excited, specimen.free))
@@ -282,14 +280,22 @@ def _identification(
         roots=_roots(data, table, excited, of_level, dry),
         residuals=verdict.residuals(best, clean, compared),
         levels=table.levels if table.comparable else (),
-        verdict=_verdict(data, table, specimen, dry, _warnings(data, reports, table, specimen)),
+        verdict=_verdict(data, table, specimen, dry, [*_warnings(data, reports, table, specimen), *late]),
         friction=dry,
-        latency=table.latency,
+        latency=latency,
         causes=table.causes,
         compared=compared,
         low_level_m_s2=_low_level(data),
         low_level_lines=_lines_of_low_level(data, specimen.excited),
     )
+
+
+def _delay(data: Evidence, table: _Table, dry: Friction | None) -> DelayEstimate | None:
+    """Return the delay as the data show it, None where they do not."""
+    fit = table.fit
+    fits = (fit.first, fit.chosen, *([fit.other] if fit.other else []))
+    removed = data.settings.sensors_removed
+    return delay.estimate(fits, fit.frf, data.info, table.levels, data.level_ratio, removed, dry)
 
 
 def _low_level(data: Evidence) -> float | None:

@@ -86,6 +86,10 @@ class Limits:
     energy_ratio: float = math.inf
     lost_samples: int = 5
 
+    def fastest_m_s(self, gain_m_per_v: float) -> float:
+        """Return the velocity in m/s that the limits of velocity and of the command's rate permit a table."""
+        return min(self.velocity_m_s, gain_m_per_v * self.command_rate_v_s)
+
 
 @dataclass(frozen=True)
 class Uncertainty:

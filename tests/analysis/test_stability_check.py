@@ -336,7 +336,7 @@ def test_what_a_sinusoid_asks_of_the_table() -> None:
     corrected = np.array([sinusoid(a, line, lines) for a in accel])
     nominal = SimpleNamespace(command_v=sinusoid(command, line, lines), corrected=corrected)
     masses = np.array([7.0, 6.91, 6.95])
-    known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.zeros(0))
+    known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.zeros(0), shaped=False)
     rows = {r.name: r for r in reach(known, SimpleNamespace(nominal=nominal), info, masses)}
     place, speed = 0.0079 * command, 0.0079 * command * w
     # x + v |v| / (2 b) is largest at a phase found by looking at all
@@ -364,7 +364,7 @@ def test_a_peak_between_the_points_of_the_reduced_series_is_seen(phase: float) -
     lines = Lines(8000, 8000, DT_S)
     accel = np.exp(1j * phase) * sinusoid(4.0, lines.count - 2, lines)
     nominal = SimpleNamespace(command_v=0.0 * accel, corrected=np.array([accel]))
-    known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.zeros(0))
+    known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.zeros(0), shaped=False)
     rows = {row.name: row for row in reach(known, SimpleNamespace(nominal=nominal), rig_info(), np.ones(1))}
     assert rows["acceleration"].peak == pytest.approx(4.0, rel=0.025)
 
@@ -377,7 +377,9 @@ def test_motion_above_the_lines_is_not_taken_for_none() -> None:
     prediction = SimpleNamespace(nominal=nominal)
     for peak, said in ((4.2, False), (8.0, True)):
         sim, floors = np.array([accel, accel]), np.ones((2, lines.count))
-        known = SimpleNamespace(lines=lines, peaks_m_s2=np.array([peak, 1.0]), sim=sim, floors=floors, slow_roots=())
+        known = SimpleNamespace(
+            lines=lines, peaks_m_s2=np.array([peak, 1.0]), sim=sim, floors=floors, slow_roots=(), shaped=False
+        )
         rows = {row.name: row for row in reach(known, prediction, rig_info(), np.ones(1))}
         assert rows["acceleration"].peak == peak
         sentences = unseen(known)
@@ -397,12 +399,31 @@ def test_a_converter_narrower_than_stroke_or_sensor_is_the_limit() -> None:
     lines = Lines(2000, 2000, DT_S)
     info = replace(rig_info(range_v=2.0), limits=replace(rig_info().limits, stroke_m=0.079))
     nothing = SimpleNamespace(command_v=np.zeros(lines.count) + 0j, corrected=np.zeros((3, lines.count)) + 0j)
-    known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.zeros(0))
+    known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.zeros(0), shaped=False)
     rows = reach(known, SimpleNamespace(nominal=nothing), info, np.ones(3))
     limits = {row.name: row.limit for row in rows}
     assert limits["displacement (with room to brake)"] == pytest.approx(2.0 * 0.0079)
     assert limits["accelerometers' range"] == pytest.approx(2.0 * 9.80665)
     assert limits["command"] == 2.0
+
+
+def test_the_velocity_is_limited_by_the_rate_of_the_command_and_takes_up_its_bits() -> None:
+    """Rounding that carries its error over: 0.4 bits held for long become 0, 1, 0, 0, 1; two bits at the most."""
+    lines, info = Lines(2000, 2000, DT_S), rig_info()
+    nothing = SimpleNamespace(command_v=np.zeros(lines.count) + 0j, corrected=np.zeros((3, lines.count)) + 0j)
+    known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.zeros(0), shaped=True)
+    info = replace(info, limits=replace(info.limits, command_rate_v_s=20.0))
+    velocity = next(
+        row for row in reach(known, SimpleNamespace(nominal=nothing), info, np.ones(3)) if "vel" in row.name
+    )
+    assert velocity.limit == pytest.approx(0.0079 * 20.0)
+    bit, rng = info.converters.step_v, np.random.default_rng(1)
+    carried, sent = 0.0, []
+    for wanted in bit * rng.uniform(-0.5, 0.5, 2000):
+        sent.append(bit * np.floor((wanted + carried) / bit + 0.5))
+        carried += wanted - sent[-1]
+    steepest = 0.0079 * np.abs(np.diff(sent)).max() / DT_S
+    assert 0.5 * velocity.peak < steepest <= velocity.peak + 1e-12
 
 
 def test_a_loop_must_tolerate_a_lost_and_a_late_sample_where_none_is_bridged() -> None:
@@ -429,7 +450,7 @@ def test_a_test_starts_at_rest_whatever_a_leak_keeps_of_the_record_before() -> N
     motion = SimpleNamespace(command_v=values, corrected=np.stack([values]))
 
     def peak(roots: list[complex]) -> float:
-        known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.array(roots, dtype=complex))
+        known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.array(roots, dtype=complex), shaped=False)
         rows = {row.name: row.peak for row in reach(known, SimpleNamespace(nominal=motion), rig_info(), np.ones(1))}
         assert rows["acceleration"] == pytest.approx(rows["command"])
         return rows["command"]

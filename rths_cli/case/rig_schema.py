@@ -194,6 +194,9 @@ class RigSpec(Strict):
     """Hold what the file of every shake table states; each kind of rig adds its own keys."""
 
     wanted: ClassVar[str] = "a name or a mapping"
+    elsewhere: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("sample_rate_hz", "test_band_hz", "seed"), "belongs to the case, not to its rig"
+    )
 
     name: str = Field(default="inline", description="label in tables; default: the file's name")
     kind: str = Field(description=KIND)
@@ -221,10 +224,13 @@ ONLY_REAL = "belongs to a real rig; remove it"
 class VirtualRigSpec(RigSpec):
     """Hold one virtual shake table; defaults are the APS 400 of the paper."""
 
-    elsewhere: ClassVar[Mapping[str, str]] = dict.fromkeys(
-        ("unattended", "watchdog_s", "overrun", "model", "udp", "ni", "options"),
-        "belongs to a real rig; remove it, or state the rig's kind",
-    )
+    elsewhere: ClassVar[Mapping[str, str]] = {
+        **RigSpec.elsewhere,
+        **dict.fromkeys(
+            ("unattended", "watchdog_s", "overrun", "model", "udp", "ni", "options"),
+            "belongs to a real rig; remove it, or state the rig's kind",
+        ),
+    }
 
     kind: Literal["virtual"] = Field(description=KIND)
     sensors: SensorsSpec = Field(default=SensorsSpec(), description=SENSORS)
@@ -363,6 +369,7 @@ class RealRigSpec(RigSpec):
     """Hold what the file of every rig but a virtual one states."""
 
     elsewhere: ClassVar[Mapping[str, str]] = {
+        **RigSpec.elsewhere,
         "physics": ONLY_VIRTUAL,
         "after_identification": ONLY_VIRTUAL,
         "udp": "belongs to kind: udp",

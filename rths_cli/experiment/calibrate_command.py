@@ -229,7 +229,11 @@ def _read(told: str, place: int, parameter: _Parameter) -> Measured:
     of_value, of_error = (matched[i].replace("(", "").replace(")", "").strip() for i in (2, 4))
     in_percent = of_error == "%"
     units = {unit for unit in (of_value, "" if in_percent else of_error) if unit}
-    if len(units) > 1 or units - parameter.units.keys():
+    if of_value.startswith(","):
+        raise InputError(f"{label}: write a decimal point, {matched[1]}.{of_value[1:]}")
+    if len(units) > 1 and not units - parameter.units.keys():
+        raise InputError(f"{label}: value and uncertainty have two units; state both in one, or the uncertainty in %")
+    if units - parameter.units.keys():
         raise InputError(f"{label}: the unit must be one of {', '.join(parameter.units)} (none: {parameter.unit})")
     size = parameter.units[units.pop()] if units else 1.0
     value, error = float(matched[1]) * size, float(matched[3]) * size

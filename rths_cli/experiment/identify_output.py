@@ -78,12 +78,17 @@ def try_folder(folder: Path, needed_bytes: int = 0) -> None:
             place.rmdir()
 
 
+OTHER_DATA = (".csv", ".txt", ".mat", ".tdms")  # of files that --data reads and nothing here writes
+
+
 def _name_faults(option: str, path: Path) -> list[str]:
-    """Return a sentence if a path is a folder, or if a figure's suffix is not among FIGURE_FORMATS."""
+    """Return a sentence if a path is a folder, or if its suffix is that of another format than what is written."""
     if path.is_dir():
         return [f"{option} {path}: is a folder; give the name of a file in it"]
     if option == "--figure" and path.suffix.lower().removeprefix(".") not in FIGURE_FORMATS:
         return [f"--figure {path}: must end in .png, .svg or .pdf"]
+    if option == "--save-data" and path.suffix.lower() in OTHER_DATA:
+        return [f"--save-data {path}: is written as HDF5; give a name that ends in .h5"]
     return []
 
 

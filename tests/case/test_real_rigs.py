@@ -139,6 +139,7 @@ def test_a_channel_states_its_sensor_completely(write, faults_of, rig, key: str)
         ({"udp": {"host": "a", "port": 65536}}, "udp.port", "must be >= 1 and <= 65535, got 65536"),
         ({"udp": {"host": "a", "port": 1, "key": "secret"}}, "udp.key",
          "unknown key; known: host, key_file, port, timeout_s"),
+        ({"sample_rate_hz": 500}, "sample_rate_hz", "belongs to the case, not to its rig"),
         ({"limits": {**UDP["limits"], "energy_ratio": 0}}, "limits.energy_ratio", "must be > 0 and <= 100, got 0"),
     ],
 )  # fmt: skip

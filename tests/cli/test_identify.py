@@ -178,7 +178,7 @@ def test_a_rig_with_a_dead_channel_gives_a_page_but_no_model(
     assert document["accepted"] is False and document["reasons"] == ["channel floor_2: dead"]
 
 
-BEFORE = {"folder/x": "", "file": "in the way", "c.yaml": "notes: mine\n", "d.csv": "1,2\n"}
+BEFORE = {"folder/x": "", "file": "in the way", "c.yaml": "notes: mine\n", "d.csv": "1,2\n", "d.h5": "1,2\n"}
 
 
 @pytest.mark.parametrize(
@@ -186,6 +186,7 @@ BEFORE = {"folder/x": "", "file": "in the way", "c.yaml": "notes: mine\n", "d.cs
     [
         (("--figure", "x.gif"), "--figure x.gif: must end in .png, .svg or .pdf"),
         (("--figure", "x"), "--figure x: must end in .png, .svg or .pdf"),
+        (("--save-data", "x.csv"), "--save-data x.csv: is written as HDF5; give a name that ends in .h5"),
         (("--figure", "file/x.png"), "file: "),
         (("--output", "folder"), "--output folder: is a folder"),
         (("--save-data", "folder"), "--save-data folder: is a folder"),
@@ -196,7 +197,7 @@ BEFORE = {"folder/x": "", "file": "in the way", "c.yaml": "notes: mine\n", "d.cs
         (("--output", "c.yaml"), "c.yaml: exists and is no model file"),
         (("--output", "m.h5", "--save-data", "./m.h5"), "--save-data m.h5: is the file of --output too"),
         (("--output", "m.png"), "--figure m.png: is the file of --output too"),
-        (("--data", "d.csv", "--save-data", "d.csv"), "--save-data d.csv: is the file of --data too"),
+        (("--data", "d.h5", "--save-data", "d.h5"), "--save-data d.h5: is the file of --data too"),
         (("--data", "d.csv", "--output", "folder/../d.csv"), "--output folder/../d.csv: is the file of --data too"),
         (("--model", "nowhere.yaml"), "nowhere.yaml"),
         (("--channel", "table=ai0:g"), "--data FILE"),

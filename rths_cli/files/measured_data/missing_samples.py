@@ -32,7 +32,7 @@ def missing(samples: Array, names: Sequence[str], dt_s: float) -> tuple[str, ...
             count, longest = int(lengths.sum()), int(lengths.max())
             which = "1 sample is missing" if count == 1 else f"{count} samples are missing"
             sentences.append(
-                f"{name}: {which} ({100 * count / len(values):.2g} % of the record), the longest run {longest} "
+                f"{name}: {which} ({100 * count / len(values):.3g} % of the record), the longest run {longest} "
                 f"({longest * dt_s:.4g} s), the first at {starts[0] * dt_s:.6g} s"
             )
     return tuple(sentences)

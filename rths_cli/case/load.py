@@ -265,7 +265,7 @@ def _checked(written: WrittenCase, settings: Sequence[Setting]) -> tuple[Case | 
     """Return a written case with settings put in, None with its faults."""
     tree = apply_settings(written.tree, settings)
     expanded, more, lost = expand_case(tree, written.path.stem)
-    case, wrong = _validate(expanded, lost, written.path, written.text, tuple(_stated(tree)))
+    case, wrong = _validate(expanded, lost, written.path, written.text, tree)
     unread = {fault.mark for fault in written.faults if fault.mark.line}
     wrong = [fault for fault in wrong if fault.mark not in unread]
     faults = sorted([*written.faults, *more, *wrong], key=lambda fault: (fault.mark.line, fault.mark.column))
@@ -286,10 +286,11 @@ def _stated(tree: Node, above: str = "") -> Iterator[str]:
         yield from _stated(node, path) if node.children else (path,)
 
 
-def _validate(
-    tree: Node, lost: set[str], path: Path, text: str, stated: tuple[str, ...]
-) -> tuple[Case | None, list[Fault]]:
-    """Return the case of an expanded document, or the faults of its values, lost keys passed over."""
+def _validate(tree: Node, lost: set[str], path: Path, text: str, unexpanded: Node) -> tuple[Case | None, list[Fault]]:
+    """Return the case of an expanded document, or the faults of its values, lost keys passed over.
+
+    `unexpanded`: the document before the files that it names took their places.
+    """
     try:
         keys = CaseKeys.model_validate(plain(tree))
     except ValidationError as error:
@@ -301,8 +302,8 @@ def _validate(
         "path": path.absolute(),
         "yaml_text": text,
         "rig_file": _rig_file(tree, path.absolute()),
-        "stated": stated,
-        "places": dict(_marks(tree)),
+        "stated": tuple(_stated(unexpanded)),
+        "places": {**dict(_marks(tree)), **{key: node.mark for key, node in unexpanded.children.items()}},
     }
     return Case.model_construct(**dict(keys) | {"table": table} | about), []  # its values are those checked above
 

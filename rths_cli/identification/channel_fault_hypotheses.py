@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, pairwise
+from operator import itemgetter
 
 import numpy as np
 
@@ -21,7 +22,9 @@ from rths_cli.numerics.lti import ComplexArray
 FITS = 2.0  # largest misfit of a storey, in standard deviations, at which the declared chain is accepted
 CURED = 0.4  # a fault explains the channels if it leaves at most this fraction of the misfit
 ALIKE = 1.3  # faults with up to this multiple of the least misfit explain the channels equally well
-RANGE = (0.3, 3.0)  # tried factors of a sensitivity or mass
+RANGE = (0.3, 3.0)  # tried factors of a mass
+# tried factors of a sensitivity, range by range; a channel that is in g where m/s^2 are declared is among them
+READINGS = (0.05, 0.3, 3.0, 20.0)
 LEAST_REVERSED = 4  # channels; with up to three floors, exchanging two floors already reverses their order
 LATEST = 3.0  # tried delays of one channel against the others, in samples, either way
 SIGN, GAIN, SWAP, REVERSED, MASS, LATE = "sign", "gain", "swap", "reversed", "mass", "late"
@@ -87,8 +90,9 @@ def _sized(chain: Grouped, dt_s: float) -> Iterator[Suspect]:
     """
     count = len(chain.accel)
     factors = float(np.log(RANGE[0])), float(np.log(RANGE[1]))
+    readings = list(pairwise(np.log(READINGS).tolist()))
     for at in range(count):
-        size, left = _least(partial(_reading, chain, at), factors)
+        size, left = min((_least(partial(_reading, chain, at), bounds) for bounds in readings), key=itemgetter(1))
         yield Suspect(GAIN, (at,), float(np.exp(size)), left)
         yield Suspect(LATE, (at,), *_least(partial(_late, chain, at, dt_s), (-LATEST, LATEST)))
     for at in range(1, count) if count > 2 else ():

@@ -14,7 +14,16 @@ import numpy as np
 
 from rths_cli.identification import channel_fault_hypotheses, channel_signals
 from rths_cli.identification.chain_residual import explained, grouped
-from rths_cli.identification.channel_fault_hypotheses import GAIN, LATE, MASS, REVERSED, SIGN, SWAP, Diagnosis, Suspect
+from rths_cli.identification.channel_fault_hypotheses import (
+    GAIN,
+    LATE,
+    MASS,
+    REVERSED,
+    SIGN,
+    SWAP,
+    Diagnosis,
+    Suspect,
+)
 from rths_cli.identification.inputs import Evidence
 from rths_cli.identification.table_fit import within
 from rths_cli.numerics.bands import USUAL, ComparedBand
@@ -28,6 +37,7 @@ SURE = 3.0  # standard uncertainties
 # of the usual compared band: highest frequency at which the table follows its command; cosine of a clear sign
 DIRECTION_HZ, DIRECTION = 3.0, 0.5
 FOLLOWS = 0.5  # least slope (power of frequency) of an acceleration in response to a displacement command
+G_M_S2, NEAR = 9.80665, 0.1  # a factor of a sensitivity whose logarithm is as near to it is a wrong unit
 REFUSED_GAIN, REFUSED_MASS = 0.03, 0.3  # errors of a sensitivity or mass beyond which channels are refused
 BEYOND_DECLARED = 5.0  # standard uncertainties of a sensitivity beyond which channels are refused
 SAID, UNEXPLAINED = 10.0, 30.0  # unexplained misfit, in standard deviations, for a warning and for a refusal
@@ -262,6 +272,13 @@ def _refused(found: Suspect, info: RigInfo) -> bool:
     return least is None or abs(found.size - 1.0) > least
 
 
+def _unit(size: float) -> str:
+    """Return in words which unit a channel may have that reads `size` times the true acceleration."""
+    if abs(np.log(size * G_M_S2)) < NEAR:
+        return " and the unit: it reads as if its values were in g"
+    return " and the unit: it reads as if its values were m/s^2 and not g" if abs(np.log(size / G_M_S2)) < NEAR else ""
+
+
 def _sentence(found: Suspect, info: RigInfo) -> str:
     """Return the sentence on a fault: what is wrong, and what to do."""
     names = [info.channels[index].name for index in found.channels]
@@ -273,7 +290,7 @@ def _sentence(found: Suspect, info: RigInfo) -> str:
         )
     if found.kind == GAIN:
         other = "every floor says" if found.channels == (0,) and len(info.channels) > 2 else "the other channels say"
-        return f"{which}: reads {found.size:.3f} times what {other}; check the sensitivity"
+        return f"{which}: reads {found.size:.3f} times what {other}; check the sensitivity{_unit(found.size)}"
     if found.kind == LATE:
         return (
             f"{which}: {abs(found.size):.2f} samples {'late' if found.size > 0.0 else 'early'} against the others; all "

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification.results import DelayEstimate, Friction, LevelBand
+from rths_cli.identification.results import DelayEstimate, LevelBand
 from rths_cli.identification.root_uncertainty import shifts
 from rths_cli.identification.table_fit import Fit, Timing, fit, problem_of, timing_of
+from rths_cli.identification.verdict import SHORTFALL
 from rths_cli.numerics.lti import Array, ComplexArray, Frf
 from rths_cli.rigs.description import RigInfo
 
@@ -21,14 +22,13 @@ SIGMA, SEEN_S = 3.0, 1e-4  # reported difference of declared and identified dela
 
 def estimate(
     fits: tuple[Fit, ...], table: Frf, info: RigInfo, levels: tuple[LevelBand, ...] = (), level_ratio: float = np.inf,
-    sensors_removed: bool = True, friction: Friction | None = None,
+    sensors_removed: bool = True,
 ) -> DelayEstimate | None:  # fmt: skip
     """Estimate the delay together with a fit's roots from the table's response; None if the data do not determine it.
 
     `fits`: structures with an explicit delay, the smallest first; a larger one is used only if its misfit is clearly
     smaller. The standard uncertainty has three parts: the Gauss-Newton covariance with all roots free, the possible
-    effect of friction (that of `friction` where the low-level record has shown it), and 1 % of a sample of error in the
-    channels' timing.
+    effect of friction, and 1 % of a sample of error in the channels' timing.
     """
     channel = channel_response(info, table.frequency_hz, sensors_removed)
     bare = replace(table, response=table.response / channel)
@@ -38,7 +38,7 @@ def estimate(
         return None
     column = found.layout.size - 1
     extra_s = found.model.delay_s - found.layout.delay_s
-    moved = shifts(found, bare, levels, level_ratio, friction)[column]
+    moved = shifts(found, bare, levels, level_ratio, law=SHORTFALL)[column]
     error_s = extra_s * float(np.hypot(np.sqrt(found.covariance[column, column]), moved))
     return DelayEstimate(found.model.delay_s, error_s, declared(info)) if error_s < REACH_S else None
 

@@ -189,7 +189,7 @@ def _without_staircase(record: Record, model: Model) -> Record:
 def _ripple_error(data: Evidence, table: _Table, dry: Friction | None) -> float:
     """Return the standard uncertainty of the fitted ripple in m/s^2 per V."""
     chosen, other = table.fit.chosen, table.fit.other
-    moved = shifts(chosen, table.fit.frf, table.levels, data.level_ratio, dry, data.info.uncertainty.skew_s)[-1]
+    moved = shifts(chosen, table.fit.frf, table.levels, data.level_ratio, dry, law=verdict.SHORTFALL)[-1]
     by_structure = 0.0 if other is None else float(other.parameters[-1] - chosen.parameters[-1])
     return float(np.sqrt(chosen.covariance[-1, -1] + moved**2 + by_structure**2))
 
@@ -260,7 +260,7 @@ def _identification(
     if dry is not None and data.quiet is not None and table.comparable:
         lag_s = force_lag_s(best, specimen.excited.specimen) if specimen.excited else 0.0
         dry = friction.tried_on(dry, data.quiet, table.fit.chosen.model, lag_s, data.info, compared)
-    latency = _delay(data, table, dry)
+    latency = _delay(data, table)
     late = delay.doubts(latency) or (() if table.given else verdict.late(table.fit.chosen.model, data.info))
     low = identify_specimen.at_low_level(data, table.fit.chosen.model, specimen.excited)
     of_level = identify_specimen.of_level(data.level_ratio, specimen.excited, low)
@@ -290,12 +290,12 @@ def _identification(
     )
 
 
-def _delay(data: Evidence, table: _Table, dry: Friction | None) -> DelayEstimate | None:
+def _delay(data: Evidence, table: _Table) -> DelayEstimate | None:
     """Return the delay as the data show it, None where they do not."""
     fit = table.fit
     fits = (fit.first, fit.chosen, *([fit.other] if fit.other else []))
     removed = data.settings.sensors_removed
-    return delay.estimate(fits, fit.frf, data.info, table.levels, data.level_ratio, removed, dry)
+    return delay.estimate(fits, fit.frf, data.info, table.levels, data.level_ratio, removed)
 
 
 def _low_level(data: Evidence) -> float | None:

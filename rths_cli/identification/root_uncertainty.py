@@ -20,16 +20,16 @@ SAME_MODE = 0.2  # logarithm of a frequency ratio within which a pole and a mode
 
 def shifts(
     found: Fit, frf: Frf, levels: Sequence[LevelBand], level_ratio: float, friction: Friction | None = None,
-    skew_s: float = 0.0,
+    skew_s: float = 0.0, law: float = UNKNOWN_LAW,
 ) -> Array:  # fmt: skip
     """Return the systematic uncertainty (n_parameters,) of the parameters of a fit, beside their random error.
 
     Three distortions of the response are propagated to first order: a lag of 1 % of a sample and of the declared
     uncertainty `skew_s` of the instants of command and samples, each; the lead of a spring beyond the band, which no
     model has; and the effect of friction at full level. Friction that the low-level record has shown is an equivalent
-    dashpot, kappa c G exp(s T) / s for the table's response G. Friction of an unknown law is twice what it were if it
-    were dry, d / (r - 1) for a difference d between levels of ratio r: one that sticks over part of the motion leaves
-    more at full level.
+    dashpot, kappa c G exp(s T) / s for the table's response G. Other friction is `law` times what dry friction would
+    leave, d / (r - 1) for a difference d between levels of ratio r: one that sticks over part of the motion leaves more
+    at full level.
     """
     model = found.model
     problem = problem_of(frf, found.layout, timing_of(model), model.band_hz, ripple=True)
@@ -40,7 +40,9 @@ def shifts(
     late = problem.s * np.hypot(SKEW * model.dt_s, np.sqrt(2.0) * skew_s)
     frequency = np.abs(problem.s) / (2.0 * np.pi)
     shown = friction is not None and friction.shown
-    rubbed = _dashpot(model, problem.s, friction) if friction and shown else _friction(frequency, levels, level_ratio)
+    rubbed = (
+        _dashpot(model, problem.s, friction) if friction and shown else _friction(frequency, levels, level_ratio, law)
+    )
     distortions = [late, problem.s * _spring_lead_s(found), rubbed]
     moved = [np.append(parts(problem.weight * each), np.zeros(len(fixed))) for each in distortions]
     return np.asarray(np.linalg.norm([linear(known, each) for each in moved], axis=0))
@@ -59,12 +61,12 @@ def _spring_lead_s(found: Fit) -> float:
     return 2.0 * SPRING_DAMPING / fastest if fastest > 2.0 * np.pi * found.model.band_hz[1] else 0.0
 
 
-def _friction(frequency_hz: Array, levels: Sequence[LevelBand], level_ratio: float) -> ComplexArray:
+def _friction(frequency_hz: Array, levels: Sequence[LevelBand], level_ratio: float, law: float) -> ComplexArray:
     """Return the relative effect of friction on the response at full level, interpolated between the bands' centres."""
     if not levels or not level_ratio > 1.0:
         return np.zeros(len(frequency_hz), dtype=complex)
     centres = np.sqrt([band.low_hz * band.high_hz for band in levels])
-    share = UNKNOWN_LAW * (np.array([band.ratio for band in levels]) - 1.0) / (level_ratio - 1.0)
+    share = law * (np.array([band.ratio for band in levels]) - 1.0) / (level_ratio - 1.0)
     at = np.log(frequency_hz)
     return np.interp(at, np.log(centres), share.real) + 1j * np.interp(at, np.log(centres), share.imag)
 

@@ -132,6 +132,18 @@ def test_table_of_wrong_sensitivity_is_named_where_all_floors_say_so(factor: flo
     assert stated(found[0], "table") == pytest.approx(factor, abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1.0 / 9.80665, "values were in g"), (9.80665, "were m/s^2 and not g"), (0.2, ""), (6.0, "")]
+)
+def test_a_channel_in_another_unit_is_named_with_it(factor: float, unit: str) -> None:
+    made = clean(3)
+    accel = 0.1 * made.record.accel_m_s2  # so that the channel stays within its sensor's range
+    accel[2] *= factor
+    (said,) = judged(made, replace(made.record, command_v=0.1 * made.record.command_v, accel_m_s2=accel)).faults
+    assert stated(said, names(made)[2]) == pytest.approx(factor, rel=0.01)
+    assert "check the sensitivity" in said and said.endswith(unit) and ("unit" in said) == bool(unit)
+
+
 def test_lost_samples_are_counted_and_placed() -> None:
     made = clean(2)
     accel = made.record.accel_m_s2.copy()

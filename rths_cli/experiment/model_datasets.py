@@ -167,7 +167,7 @@ def _made(kind: type[T], values: Values) -> T:
     hints = _hints(kind)  # type: ignore[arg-type]
     given = {}
     for field in fields(kind):  # type: ignore[arg-type]
-        if field.name in values or field.default is MISSING:
+        if field.name in values or (field.default is MISSING and field.default_factory is MISSING):
             given[field.name] = _as_declared(hints[field.name], values.get(field.name))
     return kind(**given)
 

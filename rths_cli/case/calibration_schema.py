@@ -50,7 +50,7 @@ class CalibrationSpec(Strict):
     model: str = Field(default="", max_length=300, description="model file whose ratios were used; empty: none")
     channels: tuple[CalibratedChannel, ...] = Field(min_length=1, description="channels of the rig")
     specimen: str = Field(
-        default="", description="structure whose floors were weighed; masses count for it alone; empty: for all"
+        default="", description="structure that was weighed; its masses count for no other ones; empty: for all"
     )
     masses: tuple[CalibratedMass, ...] = Field(default=(), description="floors that were weighed")
 

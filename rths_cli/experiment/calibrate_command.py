@@ -223,14 +223,14 @@ def _read(told: str, place: int, parameter: _Parameter) -> Measured:
     matched = (
         MEASURED.fullmatch(told) if len(told) <= LONGEST_MEASURED else None
     )  # a long one takes the pattern minutes
+    if "," in told:
+        raise InputError(f"{label}: write a decimal point and no comma")
     if matched is None:
         example = f"{parameter.name}={parameter.declared:.5g}+-0.2%"
         raise InputError(f"{label}: state value and standard uncertainty in {parameter.unit}, such as {example}")
     of_value, of_error = (matched[i].replace("(", "").replace(")", "").strip() for i in (2, 4))
     in_percent = of_error == "%"
     units = {unit for unit in (of_value, "" if in_percent else of_error) if unit}
-    if of_value.startswith(","):
-        raise InputError(f"{label}: write a decimal point, {matched[1]}.{of_value[1:]}")
     if len(units) > 1 and not units - parameter.units.keys():
         raise InputError(f"{label}: value and uncertainty have two units; state both in one, or the uncertainty in %")
     if units - parameter.units.keys():
@@ -318,6 +318,12 @@ def _notes(setup: Setup, calibration: CalibrationSpec) -> list[str]:
         f"{masses[one.floor]:.6g}; until then a case with this calibration is refused"
         for one in wrong
     ]
+    before_it = setup.case.table.calibration
+    if before_it is not None and before_it.masses and not weighed(setup.case):
+        notes.append(
+            f"masses of {printable(before_it.specimen)} in the calibration before are left out: a calibration holds "
+            "those of one structure; keep that file for it"
+        )
     return [
         *notes,
         "name the file in the rig file (calibration: FILE) and identify again: the model refers to its sensors",

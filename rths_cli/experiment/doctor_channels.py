@@ -149,7 +149,8 @@ def motion(setup: Setup) -> tuple[Array, float]:
     squares = np.linalg.eigvals(np.linalg.solve(np.diag(specimen.masses_kg), specimen.K)).real
     frequency = min(SLOWEST_HZ, OF_FIRST_MODE * math.sqrt(max(squares.min(), 0.0)) / (2.0 * math.pi))
     rate = 2.0 * math.pi * frequency
-    place_m = SHARE * min(limits.stroke_m, limits.velocity_m_s / rate, limits.acceleration_m_s2 / rate**2)
+    fastest = limits.fastest_m_s(setup.rig.gain_m_per_v)
+    place_m = SHARE * min(limits.stroke_m, fastest / rate, limits.acceleration_m_s2 / rate**2)
     count = round((PERIODS + 2 * RAMP_PERIODS) / frequency / setup.rig.dt_s)
     time_s = setup.rig.dt_s * np.arange(count)
     ramp = np.clip(np.minimum(time_s, time_s[-1] - time_s) * frequency / RAMP_PERIODS, 0.0, 1.0)

@@ -194,8 +194,9 @@ def placed(case: Case, fault: str) -> str:
 
 
 def _named(case: Case, fault: str) -> bool:
-    """Return whether a sentence names the case's file already."""
-    return str(case.path) in fault or fault.startswith(f"{shown(case.path)}:")
+    """Return whether a sentence names the case's file, or the place of one of its keys, already."""
+    labels = {mark.source.label for mark in case.places.values()}
+    return str(case.path) in fault or fault.startswith(tuple(f"{label}:" for label in (shown(case.path), *labels)))
 
 
 def _payload_faults(case: Case) -> list[str]:

@@ -62,9 +62,8 @@ def before(info: RigInfo, masses_kg: Array, found: Calibration | None) -> Belief
     if found is None:
         return Belief(np.zeros(alone.size), np.diag(alone**2), alone)
     masses = slice(channels + further, None)
-    for places, prior in ((slice(0, channels), found.gain_prior), (masses, found.mass_prior)):
-        if prior.size:  # a model of an earlier version has none
-            alone[places] = np.maximum(alone[places], prior)
+    for places, widening in ((slice(0, channels), found.gain_widening), (masses, found.mass_widening)):
+        alone[places] *= widening if widening.size else 1.0
     demand = np.zeros((alone.size, 3 * channels + floors))
     demand[:channels, :channels], demand[masses, 3 * channels :] = np.eye(channels), np.eye(floors)
     mean, rest = np.zeros(alone.size), np.zeros(alone.size)

@@ -98,12 +98,15 @@ def _misfit(found: Fit, table: Frf) -> float:
     return float(np.linalg.norm(problem.evaluated(found.parameters)[0]))
 
 
-def doubts(found: DelayEstimate | None) -> tuple[str, ...]:
-    """Return a sentence if identified and declared delay differ by more than SIGMA uncertainties and SEEN_S."""
+def doubts(found: DelayEstimate | None, skew_s: float = 0.0) -> tuple[str, ...]:
+    """Return a sentence if identified and declared delay differ by more than SIGMA uncertainties and SEEN_S.
+
+    `skew_s`: declared standard uncertainty of the instants of command and samples, each.
+    """
     if found is None:
         return ()
     late_s = found.identified_s - found.declared_s
-    if abs(late_s) <= max(SIGMA * found.error_s, SEEN_S):
+    if abs(late_s) <= max(SIGMA * float(np.hypot(found.error_s, np.sqrt(2.0) * skew_s)), SEEN_S):
         return ()
     return (
         f"delay: the data show {1e3 * found.identified_s:.3f} +- {2e3 * found.error_s:.3f} ms from command to table, "

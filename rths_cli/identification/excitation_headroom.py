@@ -23,7 +23,7 @@ def louder(data: Evidence) -> float:
     room = [
         SHARE * limits.stroke_m / _peak(place),
         SHARE * info.converters.range_v / _peak(command),
-        SHARE * limits.velocity_m_s / _peak(np.diff(place) / info.dt_s),
+        SHARE * limits.fastest_m_s(info.gain_m_per_v) / _peak(np.diff(place) / info.dt_s),
         SHARE * limits.acceleration_m_s2 / _peak(accel),
         SHARE * limits.force_n / _peak(force),
     ]

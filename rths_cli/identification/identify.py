@@ -261,7 +261,8 @@ def _identification(
         lag_s = force_lag_s(best, specimen.excited.specimen) if specimen.excited else 0.0
         dry = friction.tried_on(dry, data.quiet, table.fit.chosen.model, lag_s, data.info, compared)
     latency = _delay(data, table)
-    late = delay.doubts(latency) or (() if table.given else verdict.late(table.fit.chosen.model, data.info))
+    late = delay.doubts(latency, data.info.uncertainty.skew_s)
+    late = late or (() if table.given else verdict.late(table.fit.chosen.model, data.info))
     low = identify_specimen.at_low_level(data, table.fit.chosen.model, specimen.excited)
     of_level = identify_specimen.of_level(data.level_ratio, specimen.excited, low)
     excited, free = (identify_specimen.with_level(each, *of_level) for each in (specimen.excited, specimen.free))

@@ -184,8 +184,8 @@ class Calibration:
     declared one, and it lags by `late_s` beyond its declared dynamics; `mass` is the true mass over the weighed one.
     `further_gain` (f,) is the gain of each channel beside the accelerometers, 1 where nothing shows it. `covariance`
     (3 c + n, 3 c + n) is that of log gain, log coupling, late_s and log mass, one after the other, given the record and
-    what is declared. `gain_prior` (c,) and `mass_prior` (n,) are the relative standard uncertainties that were taken as
-    declared: larger where sensors or masses differ more than those explain; () where no record widened them.
+    what is declared. `gain_widening` (c,) and `mass_widening` (n,) are the factors, at least 1, by which sensors and
+    masses that differ more than declared widened their declared uncertainties; () in models of earlier versions.
     """
 
     gain: Array
@@ -194,8 +194,8 @@ class Calibration:
     mass: Array
     covariance: Array
     further_gain: Array = field(default_factory=lambda: np.ones(0))
-    gain_prior: Array = field(default_factory=lambda: np.zeros(0))
-    mass_prior: Array = field(default_factory=lambda: np.zeros(0))
+    gain_widening: Array = field(default_factory=lambda: np.zeros(0))
+    mass_widening: Array = field(default_factory=lambda: np.zeros(0))
 
     def error_of(self, combination: Array) -> float:
         """Return the standard uncertainty of a linear combination (3 c + n,) of the covariance's parameters."""

@@ -103,7 +103,7 @@ def as_stated(priors: Priors) -> Calibration:
     spread = np.concatenate([priors.gain, priors.coupling, priors.late_s, priors.mass])
     return Calibration(
         np.ones(c), np.ones(c), np.zeros(c), np.ones(n), np.diag(spread**2),
-        gain_prior=priors.gain, mass_prior=priors.mass,
+        gain_widening=np.ones(c), mass_widening=np.ones(n),
     )  # fmt: skip
 
 
@@ -645,9 +645,12 @@ class Fitted:
         for kind in (slice(0, c), slice(3 * c, shown)):  # of differences: a common error is in the prior
             apart = np.eye(kind.stop - kind.start) - 1.0 / (kind.stop - kind.start)
             spread[kind, kind] += apart @ np.diag(left[kind]) @ apart
+        of_gains, of_masses = np.ones(c), np.ones(len(mass))
+        of_gains[priors.gain > 0.0], of_masses[priors.mass > 0.0] = self.gain_spread.factor, self.mass_spread.factor
         return Calibration(
-            np.exp(gain), np.exp(coupling), late_s, np.exp(mass), spread, gain_prior=priors.gain, mass_prior=priors.mass
-        )
+            np.exp(gain), np.exp(coupling), late_s, np.exp(mass), spread,
+            gain_widening=of_gains, mass_widening=of_masses,
+        )  # fmt: skip
 
     @property
     def masses_kg(self) -> Array:

@@ -174,8 +174,8 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("late_s", "s", ("channel",), "lag of a channel beyond its declared dynamics"),
             ("mass", "1", FLOORS, "mass of a floor over the weighed one"),
             ("further_gain", "1", ("further_channel",), "the same as gain, of the channels beside the accelerometers"),
-            ("gain_prior", "1", ("channel",), f"{unsure} a declared sensitivity, as the differences of gains widen it"),
-            ("mass_prior", "1", FLOORS, f"{unsure} a weighed mass, as the differences of masses widen it"),
+            ("gain_widening", "1", ("channel",), "factor by which gains that differ widen the declared uncertainty"),
+            ("mass_widening", "1", FLOORS, "factor by which masses that differ widen the declared uncertainty"),
             (
                 "covariance", "1", ("parameter", "of_parameter"),
                 "of log gain, log coupling, late_s (in s) and log mass, one after the other",

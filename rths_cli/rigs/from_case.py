@@ -54,11 +54,23 @@ def rig_info(case: Case) -> RigInfo:
 
 
 def weighed(case: Case) -> tuple[CalibratedMass, ...]:
-    """Return the masses of the floors on the table that a case's calibration holds, of another structure none."""
+    """Return the masses of the floors on the table that a case's calibration holds.
+
+    () where another structure was weighed, which has another name and other masses.
+    """
     calibration = case.table.calibration
-    if calibration is None or calibration.specimen not in ("", case.structure.name.removesuffix(VARIED)):
+    if calibration is None:
         return ()
-    return calibration.masses
+    if calibration.specimen in ("", case.structure.name.removesuffix(VARIED)):
+        return calibration.masses
+    stated = dict(zip(channel_names(case)[1:], case.structure.experimental.masses_kg, strict=True))
+    alike = all(one.floor in stated and _agree(stated[one.floor], one) for one in calibration.masses)
+    return calibration.masses if alike else ()
+
+
+def _agree(stated_kg: float, one: CalibratedMass) -> bool:
+    """Return whether a structure states a mass as it was weighed."""
+    return abs(stated_kg / one.mass_kg - 1.0) <= max(one.mass_uncertainty, SAME)
 
 
 def _as_calibrated(
@@ -118,7 +130,7 @@ def calibration_faults(case: Case) -> Iterator[str]:
         stated = masses.get(one.floor)
         if stated is None:
             yield f"{key}: holds the mass of {one.floor}, on the table stand {', '.join(masses)}; {again}"
-        elif abs(stated / one.mass_kg - 1.0) > max(one.mass_uncertainty, SAME):
+        elif not _agree(stated, one):
             yield (
                 f"{key}: {one.floor} weighs {one.mass_kg:.6g} kg +- {100 * one.mass_uncertainty:.2g} %, "
                 f"the structure states {stated:.6g}; correct masses_kg of the structure, or weigh again"

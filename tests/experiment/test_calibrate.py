@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +155,11 @@ def test_masses_of_another_structure_do_not_count(lab: Path) -> None:
     (lab / "other.yaml").write_text("extends: three_storey\nname: other\nexperimental: {masses_kg: [5.0, 4.0]}\n")
     (lab / "quake.yaml").write_text(CASE.replace("three_storey", "other.yaml"))
     assert named(lab).rig.uncertainty.masses == ()
+    again = replace(asked(lab, masses=("floor_3=4.001+-0.1%",)), output=lab / "second.yaml", settings=())
+    assert calibrate_rig(again, None).notes[0].startswith("masses of three_storey in the calibration before are left")
+    (lab / "other.yaml").write_text("extends: three_storey\nname: other\n")
+    assert named(lab).rig.uncertainty.masses[0] < 0.002  # the same specimen under another name
+    (lab / "other.yaml").write_text("extends: three_storey\nname: other\nexperimental: {masses_kg: [5.0, 4.0]}\n")
     (lab / "lab.yaml").write_text((lab / "lab.yaml").read_text().replace("specimen: three_storey\n", ""))
     with pytest.raises(InputError, match=r"floor_2 weighs 6\.9154 kg .* the structure states 5"):
         named(lab)
@@ -176,7 +182,8 @@ WRONG = {
     "table=0.1 V/mm+-1%": "the unit must be one of V/m/s^2, V/g, mV/m/s^2, mV/g (none: V per m/s^2)",
     "table=1 V/g+-2 mV/g": "value and uncertainty have two units; state both in one, or the uncertainty in %",
     "table=1 V/g+-2 V": "the unit must be one of",
-    "table=0,102+-1%": "write a decimal point, 0.102",
+    "table=0,102+-1%": "write a decimal point and no comma",
+    "table=0.102+-0,5%": "write a decimal point and no comma",
     "table=1020+-1%": "standard uncertainties from what is known of it, 0.10197, more than 5; check value and unit",
     "tabel=0.102+-1%": "there is no 'tabel', only table, floor_2, floor_3, table_displacement",
     "=0.102+-1%": "there is no '', only table",

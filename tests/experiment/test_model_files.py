@@ -130,6 +130,10 @@ def test_a_file_from_before_the_aliass_integral_was_known_has_none(default_ident
     assert dict(leaves(from_groups(groups, names).best)) == dict(leaves(default_identification.best))
     del groups["table/best"]["coupling_hz"]
     assert from_groups(groups, names).best.coupling_hz == 0.0
+    assert groups["calibration"].pop("gain_widening").size == 3
+    del groups["calibration"]["further_gain"]
+    older = from_groups(groups, names).calibration
+    assert older is not None and older.gain_widening.size == older.further_gain.size == 0  # of rths 0.1
     del groups["table/best"]["gain"]
     with pytest.raises(TypeError):
         from_groups(groups, names)

@@ -77,8 +77,10 @@ def test_a_parameter_by_itself_forgets_the_ratios():
 
 def test_differences_that_widened_the_prior_stay_in_it():
     """The next identification sees the sensors as calibrated, and no differences any more."""
-    found = replace(identified(), gain_prior=np.array([0.019, 0.019, 0.019]), mass_prior=np.array([0.002, 0.005]))
-    assert before(rig(), MASSES, found).alone == pytest.approx([0.019, 0.019, 0.019, 0.003, 0.005])
+    found = replace(identified(), gain_widening=np.array([1.9, 1.9, 1.0]), mass_widening=np.array([1.0, 1.5]))
+    assert before(rig(), MASSES, found).alone == pytest.approx([0.019, 0.019, 0.01, 0.003, 0.0045])
+    weighed = replace(rig(), uncertainty=Uncertainty(masses=(0.0005, 0.003)))  # after that identification
+    assert before(weighed, MASSES, found).alone[3:] == pytest.approx([0.0005, 0.0045])
 
 
 def test_sensors_that_the_identification_took_up_follow_accelerometers_and_masses():

@@ -178,14 +178,20 @@ def at_once(model: Model, frequency_hz: Array) -> ComplexArray:
     return model.response(frequency_hz) * late / hold_size(frequency_hz, model.dt_s)
 
 
+def of_correction(known: Known) -> ComplexArray:
+    """Return what the sensor correction makes (c, m) of each channel, of one without corners 1; 0 at 0 Hz."""
+    sizes = np.array([c.sensitivity_v_per_unit for c in known.rig.channels])
+    corrected = np.einsum("ccm->cm", known.correction.response(known.lines.frequency_hz[1:])) * sizes[:, None]
+    return np.concatenate([np.zeros((len(sizes), 1)), corrected], axis=1)
+
+
 def _stochastic(known: Known, nominal: Motion) -> tuple[dict[str, Array], Array]:
     """Return the power (n_storeys + 1,) in the test band of each random cause, for the storeys, then for tracking, and
     that of all together (n_storeys,) in the true motions."""
     lines, dt = known.lines, known.rig.dt_s
     bit = known.rig.converters.step_v
     sizes = np.array([c.sensitivity_v_per_unit for c in known.rig.channels])
-    corrected = np.einsum("ccm->cm", known.correction.response(lines.frequency_hz[1:])) * sizes[:, None]
-    corrected = np.concatenate([np.zeros((len(sizes), 1)), corrected], axis=1)
+    corrected = of_correction(known)
     noise, bits = white_noise_m_s2(known), bit / sizes
     shape = 1.0 - 1.0 / lines.z if known.shaped else np.ones_like(lines.z)
     moved = hybrid(known.loop, np.zeros_like(known.ground), np.zeros_like(known.floors), shape)

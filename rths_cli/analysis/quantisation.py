@@ -15,6 +15,7 @@ import numpy as np
 from rths_cli.numerics.lti import Array
 
 HARMONICS = 8  # terms of the sum
+ZERO_HARMONICS = 1000  # the same for a mean; they need no density
 WINDOW_S = 1.0  # length of the windows in which a signal's size and rate are determined
 WHITE = 3.0  # a Gauss curve counts as white if the sample rate is less than this many standard deviations
 
@@ -54,3 +55,16 @@ def _spread(frequency_hz: Array, deviation_hz: Array, dt_s: float) -> Array:
     deviation = np.maximum(deviation_hz, 1.0 / WINDOW_S)[:, None]
     curve = np.exp(-0.5 * (frequency_hz / deviation) ** 2) / (np.sqrt(2.0 * np.pi) * deviation * dt_s)
     return np.asarray(np.where(deviation * WHITE > 1.0 / dt_s, 1.0, curve))
+
+
+def zero_error(step: float, at_rest: float) -> float:
+    """Return the root mean square error of a channel's zero, the mean of its samples at rest, by their rounding.
+
+    `step` of the converter, and `at_rest`, standard deviation of the samples at rest, in the same unit. A zero may be
+    anywhere between two steps. Without noise its error is anything up to half a step; noise of a step makes it nothing.
+    Rounding by itself may show half a step of `at_rest` (between two steps), which is not counted as noise.
+    """
+    noise = max(at_rest**2 - 0.25 * step**2, 0.0)
+    n = np.arange(1, ZERO_HARMONICS + 1)
+    power = step**2 / (2.0 * np.pi**2 * n**2) * np.exp(-((2.0 * np.pi * n / step) ** 2) * noise)
+    return float(np.sqrt(power.sum()))

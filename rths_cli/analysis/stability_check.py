@@ -11,10 +11,12 @@ from decimal import ROUND_DOWN, Context
 import numpy as np
 
 from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
-from rths_cli.analysis.closed_loop_response import loop_response
+from rths_cli.analysis.closed_loop_response import hybrid, loop_response
 from rths_cli.analysis.critical_delay import CriticalDelay
+from rths_cli.analysis.fourier_lines import low_lines
 from rths_cli.analysis.identified_rig_block import IdentifiedRig
-from rths_cli.analysis.predicted_error import Known, Prediction, data_ratio, ratio_error
+from rths_cli.analysis.predicted_error import Known, Prediction, data_ratio, of_correction, ratio_error
+from rths_cli.analysis.quantisation import zero_error
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.margins import Margins, margins
 from rths_cli.identification.results import LevelBand
@@ -37,6 +39,7 @@ LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # start: lower with a l
 MODES_HZ = 60.0  # of the usual compared band: highest loop mode around which the grid is refined
 LEAST_LOOP = 1e-12  # a smaller loop gain counts as zero
 BESIDE = 0.1  # largest logarithm of the frequency ratio of a zero and the pole of the same mode
+DISPLACEMENT = "displacement (with room to brake)"
 NO_ZEROS = np.empty(0, dtype=complex)
 
 
@@ -82,17 +85,24 @@ class Stability:
 
 @dataclass(frozen=True)
 class Reach:
-    """The predicted peak of a quantity and its limit, both in `units`."""
+    """The predicted peak of a quantity and its limit, both in `units`; `fixed`: the part of the peak that does not grow
+    with the record."""
 
     name: str
     peak: float
     limit: float
     units: str
+    fixed: float = 0.0
 
     @property
     def share(self) -> float:
         """Return the peak as a fraction of the limit."""
         return self.peak / self.limit
+
+    def largest(self, scaling: float) -> float:
+        """Return the largest safe scaling, from the `scaling` that has this peak."""
+        left, grows = (1.0 - RESERVE) * self.limit - self.fixed, self.peak - self.fixed
+        return scaling * max(left, 0.0) / grows if grows > 0.0 else math.inf if left >= 0.0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -134,7 +144,7 @@ def judge(
     """
     faults = faults_of_loop(stability, feedback, least_delay_s)
     doubt = stability.radius >= 1.0 and stability.growth >= GROWN
-    largest = scaling * min((1.0 - RESERVE) / row.share if row.share > 0.0 else math.inf for row in reach)
+    largest = min(row.largest(scaling) for row in reach)
     if stability.radius < 1.0:
         beyond = [row for row in reach if not row.share <= 1.0 - RESERVE]
         faults += [*further, *(_beyond(row, largest, row is beyond[-1]) for row in beyond)]
@@ -260,8 +270,15 @@ def _beyond(row: Reach, largest: float, last: bool) -> Fault:
     """Return the reason that a predicted peak is; the last one of several tells the largest safe scaling."""
     text = (
         f"{row.name}: {row.peak:.4g} {row.units} is predicted, the limit is {row.limit:.4g} {row.units} and a tenth of "
-        f"it is kept in reserve{f'; the largest safe scaling is {rounded_down(largest):g}' if last else ''}"
+        "it is kept in reserve"
     )
+    if row.name == DISPLACEMENT and row.fixed > RESERVE * row.limit:
+        text += (
+            f"; {row.fixed:.3g} {row.units} of it because a channel's zero is known to a part of a bit only, and the "
+            "feedback follows it: use converters with more bits or a smaller range, or controller FF"
+        )
+    if last and largest > 0.0:
+        text += f"; the largest safe scaling is {rounded_down(largest):g}"
     return Fault(row.name, text, row.share)
 
 
@@ -436,18 +453,42 @@ def _grid(values: ComplexArray, dt_s: float, compared: ComparedBand) -> Array:
     return np.unique(np.concatenate([below, above[1:], around[around < 0.5 / dt_s]]))
 
 
-def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) -> tuple[Reach, ...]:
+def aside_v(known: Known) -> float:
+    """Return how far the command goes aside because the channels' zeros are known to a part of a bit only: twice the
+    root mean square, at most what half a bit of each channel does.
+
+    A zero's error does not change during the test. The correction of an AC coupling integrates it; after the record an
+    opposite offset takes the integral back, so that it is that of a test which starts at rest.
+    """
+    lines = known.lines
+    back = max((lines.padded - lines.samples) // 2, 1)
+    offset = np.zeros(lines.padded)
+    offset[: lines.samples], offset[lines.samples : lines.samples + back] = 1.0, -lines.samples / back
+    bits = known.rig.converters.step_v / np.array([c.sensitivity_v_per_unit for c in known.rig.channels])
+    made, still = np.zeros_like(known.floors), np.zeros_like(known.ground)
+    held, corrected, paths = low_lines(offset, lines.count, lines.padded), of_correction(known), []
+    for channel in range(len(bits)):
+        made[:], made[channel] = 0.0, corrected[channel] * held
+        series = _from_rest(known, hybrid(known.loop, still, made).command_v)
+        paths.append(_peak(series - series[0]))  # lines have no mean; the test starts at zero
+    errors = [zero_error(bit, noise) for bit, noise in zip(bits, known.noise_m_s2, strict=True)]
+    return min(2.0 * float(np.linalg.norm(np.multiply(errors, paths))), float(0.5 * bits @ paths))
+
+
+def reach(
+    known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array, aside: float = 0.0
+) -> tuple[Reach, ...]:
     """Return the peaks of the undisturbed test, with the limits that the guard enforces.
 
-    `masses_kg` (c,): moving mass and floors. As in the guard, displacement and velocity are the command times the
-    nominal gain, and the displacement includes the room to brake.
+    `masses_kg` (c,): moving mass and floors. `aside` in V, as `aside_v`. As in the guard, displacement and velocity are
+    the command times the nominal gain, and the displacement includes the room to brake.
     """
     lines, motion = known.lines, prediction.nominal
     s = 2j * np.pi * lines.frequency_hz
     command, rate = (_from_rest(known, values) for values in (motion.command_v, s * motion.command_v))
     accel = np.array([_from_rest(known, values) for values in motion.corrected])
     loudest = 0.0 if known.peaks_m_s2 is None else float(known.peaks_m_s2.max())
-    return reach_of_series(command, rate, accel, loudest, rig, masses_kg, known.shaped)
+    return reach_of_series(command, rate, accel, loudest, rig, masses_kg, known.shaped, aside)
 
 
 def reach_of_series(
@@ -458,6 +499,7 @@ def reach_of_series(
     rig: RigInfo,
     masses_kg: Array,
     shaped: bool,
+    aside: float = 0.0,
 ) -> tuple[Reach, ...]:
     """Return the peaks of a test with its limits, as `reach`, from command and its rate (n,) and accelerations (c, n).
 
@@ -470,14 +512,14 @@ def reach_of_series(
     force = masses_kg @ accel_m_s2
     range_m_s2 = min(min(c.range, rig.converters.range_v / c.sensitivity_v_per_unit) for c in rig.channels)
     rounding = (2.0 if shaped else 1.0) * rig.gain_m_per_v * rig.converters.step_v / rig.dt_s
-    stroke = min(rig.limits.stroke_m, rig.gain_m_per_v * rig.converters.range_v)
+    stroke, aside_m = min(rig.limits.stroke_m, rig.gain_m_per_v * rig.converters.range_v), rig.gain_m_per_v * aside
     return (
-        Reach("displacement (with room to brake)", _peak(np.maximum(np.abs(place), np.abs(braked))), stroke, "m"),
-        Reach("velocity", _peak(speed) + rounding, rig.limits.fastest_m_s(rig.gain_m_per_v), "m/s"),
+        Reach(DISPLACEMENT, _peak(np.maximum(np.abs(place), np.abs(braked))) + aside_m, stroke, "m", aside_m),
+        Reach("velocity", _peak(speed) + rounding, rig.limits.fastest_m_s(rig.gain_m_per_v), "m/s", rounding),
         Reach("acceleration", loudest, rig.limits.acceleration_m_s2, "m/s^2"),
         Reach("accelerometers' range", loudest, range_m_s2, "m/s^2"),
         Reach("actuator force", _peak(force), rig.limits.force_n, "N"),
-        Reach("command", _peak(command_v), rig.converters.range_v, "V"),
+        Reach("command", _peak(command_v) + aside, rig.converters.range_v, "V", aside),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,18 +36,20 @@ Plant = tuple[Array, Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True)
 class Weights:
-    """What the regulator is designed for: the band of the error it is to remove, and what a command costs.
+    """What the regulator is designed for: the band of the error that it removes, what a command costs, and the corner of
+    the high pass of its command.
 
-    The default band belongs to the usual test band.
+    The default frequencies belong to the usual test band.
     """
 
     disturbance_hz: tuple[float, float] = (1.0, TEST_BAND_HZ)
     command_weight: float = 0.01
+    high_pass_hz: float = 0.1
 
     def for_test_band(self, test_band_hz: float) -> Weights:
-        """Return the weights for another test band, to which `disturbance_hz` keeps its ratios."""
-        low, high = (with_test_band(hz, test_band_hz) for hz in self.disturbance_hz)
-        return Weights((low, high), self.command_weight)
+        """Return the weights for another test band, to which the frequencies keep their ratios."""
+        low, high, corner = (with_test_band(hz, test_band_hz) for hz in (*self.disturbance_hz, self.high_pass_hz))
+        return Weights((low, high), self.command_weight, corner)
 
 
 DEFAULT = Weights()
@@ -126,9 +129,13 @@ def lqg(model: Model, noise: float, dt_s: float, weights: Weights = DEFAULT) -> 
     `command_weight` times what it moves at the disturbance's upper corner. The observer is the predicting
     steady-state Kalman filter; it is driven by the command that was applied, so that a limit does not wind it up.
     More noise means less bandwidth.
+
+    The command passes a high pass: an offset of the table's sensor, of which the correction of an AC coupling makes a
+    line, moves the table aside by a bounded distance instead of driving it to its stop. The default one of 0.1 Hz
+    leads by 6 degrees at 1 Hz, the lower end of the disturbance.
     """
     plant = lqg_plant(sampled_table(model, dt_s), dt_s, weights)
-    return _regulator(plant, regulator_gain(model, plant, weights), noise, dt_s)
+    return _regulator(plant, regulator_gain(model, plant, weights), noise, dt_s, weights)
 
 
 def regulator_gain(model: Model, plant: Plant, weights: Weights) -> Array:
@@ -139,18 +146,24 @@ def regulator_gain(model: Model, plant: Plant, weights: Weights) -> Array:
     return riccati_gain(a, b, c.T @ c, cost, c.T @ direct)
 
 
-def _regulator(plant: Plant, gain: Array, noise: float, dt_s: float) -> Block:
-    """Return the regulator that a state feedback K and the observer L for this noise make.
+def _regulator(plant: Plant, gain: Array, noise: float, dt_s: float, weights: Weights) -> Block:
+    """Return the regulator that a state feedback K and the observer L for this noise make, with its high pass.
 
-    x+ = A x + B (u + s) + L (-e - C x - D (u + s)), u = -K x: e is the tracking error and s the shortfall, applied less
-    wanted command, so that s enters by B - L D.
+    v = -K x, x+ = A x + B (v + s) + L (-e - C x - D (v + s)): e is the tracking error and s the shortfall, applied less
+    wanted command, so that s enters by B - L D. The command is u = v - w, w+ = w + (1 - p) (u + s), which is the high
+    pass (z - 1) / (z - p). It sums the command that was applied, so that a limit does not wind it up either. The state
+    is x, w.
     """
     a, b, c, direct, drive, drive_direct = plant
     variance = drive_direct @ drive_direct.T + noise**2
     observer = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T).T
-    shortfall = b - observer @ direct
+    shortfall, states = b - observer @ direct, len(a)
     closed = a - b @ gain - observer @ (c - direct @ gain)
-    return Block("feedback", closed, np.hstack([-observer, shortfall]), -gain, np.zeros((1, 2)), dt_s, INPUTS, OUTPUTS)
+    share = -math.expm1(-2.0 * math.pi * weights.high_pass_hz * dt_s)
+    whole = np.block([[closed, np.zeros((states, 1))], [-share * gain, np.array([[1.0 - share]])]])
+    inputs = np.block([[-observer, shortfall], [np.array([[0.0, share]])]])
+    outputs = np.hstack([-gain, [[-1.0]]])
+    return Block("feedback", whole, inputs, outputs, np.zeros((1, 2)), dt_s, INPUTS, OUTPUTS)
 
 
 def unlimited(feedback: Block) -> Block:
@@ -251,11 +264,11 @@ def design(
     plant = lqg_plant(sampled, dt_s, weights)
     gain = regulator_gain(model, plant, weights)
     low, high = NOISE_RANGE
-    best = _regulator(plant, gain, high, dt_s)
+    best = _regulator(plant, gain, high, dt_s, weights)
     useful = _keeps(best, table, wanted, max_sensitivity)
     for _ in range(BISECTIONS):
         noise = float(np.sqrt(low * high))
-        found = _attempt(plant, gain, noise, dt_s)
+        found = _attempt(plant, gain, noise, dt_s, weights)
         if found and _keeps(found, table, wanted, max_sensitivity) and _holds(sampled, found):
             high, best, useful = noise, found, True
         else:
@@ -268,10 +281,10 @@ def design(
     return with_margins(best, table)
 
 
-def _attempt(plant: Plant, gain: Array, noise: float, dt_s: float) -> Block | None:
+def _attempt(plant: Plant, gain: Array, noise: float, dt_s: float, weights: Weights) -> Block | None:
     """Return the feedback for this noise, None when it has no observer."""
     try:
-        return _regulator(plant, gain, noise, dt_s)
+        return _regulator(plant, gain, noise, dt_s, weights)
     except InputError:
         return None
 

@@ -131,7 +131,7 @@ def _judge_one(
     known = replace(known, slow_roots=slow_roots(matrix, dt, known.lines.padded * dt), compensation=counters)
     prediction = predict(known)
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
-    rows = preflight.reach(known, prediction, setup.rig, masses)
+    rows = preflight.reach(known, prediction, setup.rig, masses, preflight.aside_v(known))
     stable = prediction if found.radius < 1.0 else None
     ends = stated_ends(setup.case, design.blocks.counters_reaction)
     tangents = tangent_verdicts(setup, identified, as_designed.blocks, whole, shared, ends)

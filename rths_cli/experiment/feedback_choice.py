@@ -102,8 +102,10 @@ def _of_printed_model(setup: Setup, identified: Identification, error: InputErro
 def _stated_weights(setup: Setup) -> Weights:
     """Return the weights that a case states, default ones where it states none."""
     stated = setup.case.controller
-    low, high = stated.disturbance_hz or DEFAULT.for_test_band(setup.case.test_band_hz).disturbance_hz
-    return Weights((low, high), DEFAULT.command_weight if stated.command_weight is None else stated.command_weight)
+    usual = DEFAULT.for_test_band(setup.case.test_band_hz)
+    weight = usual.command_weight if stated.command_weight is None else stated.command_weight
+    low, high = stated.disturbance_hz or usual.disturbance_hz
+    return replace(usual, disturbance_hz=(low, high), command_weight=weight)
 
 
 def first_safe(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rths_cli.analysis.quantisation import rounding_power
+from rths_cli.analysis.quantisation import rounding_power, zero_error
 
 DT_S, SAMPLES = 1e-3, 200_000
 
@@ -61,3 +61,19 @@ def test_a_motion_smaller_than_a_step_is_lost_and_no_more() -> None:
 
 def test_no_converter_no_rounding() -> None:
     assert np.all(rounding_power(np.arange(5.0), narrow_band(1.0), DT_S, 0.0, 0.0, DT_S) == 0.0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3, 0.5, 0.8])
+def test_the_zero_of_samples_at_rest_is_as_uncertain_as_is_said(noise: float) -> None:
+    """Means of many samples of 400 zeros between two steps. What a channel shows at rest is as much as the noise and
+    half a step: then the figure is exact. It is never too small."""
+    random, zeros = np.random.default_rng(7), np.linspace(-0.5, 0.5, 400, endpoint=False) + 0.5 / 400
+    shown = np.round(zeros[:, None] + noise * random.standard_normal((400, 20_000)))
+    means = shown.mean(axis=1)
+    error = float(np.sqrt(np.mean((means - zeros) ** 2)))
+    assert zero_error(1.0, np.hypot(noise, 0.5)) == pytest.approx(error, rel=0.02, abs=0.01)
+    stds = shown.std(axis=1)
+    assert np.mean([zero_error(1.0, float(std)) for std in stds]) > 0.99 * error - 0.01
+    assert zero_error(2.5e-3, 2.5e-3 * np.hypot(noise, 0.5)) == pytest.approx(
+        2.5e-3 * zero_error(1.0, np.hypot(noise, 0.5)), rel=1e-9
+    )

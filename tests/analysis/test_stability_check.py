@@ -395,6 +395,23 @@ def test_a_measured_response_that_may_go_round_the_point_otherwise_is_unsafe() -
     assert verdict(replace(STABLE, apart=0.99)).verdict == SAFE
 
 
+def test_what_does_not_grow_with_the_record_is_left_to_no_scaling() -> None:
+    """Of 0.6, 0.2 is there at any scaling: 0.9 is reached at 1.75 times the scaling; 0.95 that is there, by none."""
+    row = Reach("displacement (with room to brake)", 0.6, 1.0, "m", fixed=0.2)
+    assert row.largest(0.3) == pytest.approx(0.3 * 0.7 / 0.4)
+    assert replace(row, peak=0.2).largest(0.3) == math.inf
+    lost = replace(row, peak=1.2, fixed=0.95)
+    assert lost.largest(0.3) == 0.0
+    assert replace(lost, peak=0.95).largest(0.3) == 0.0
+    found = judge(CRITICAL, STABLE, (row, lost), 0.3, None)
+    assert found.largest_scaling == 0.0 and found.verdict == UNSAFE
+    (reason,) = found.reasons
+    assert "0.95 m of it because a channel's zero is known to a part of a bit only" in reason
+    assert "largest safe scaling" not in reason
+    (reason,) = judge(CRITICAL, STABLE, (replace(row, peak=1.0),), 0.3, None).reasons
+    assert reason.endswith("or controller FF; the largest safe scaling is 0.262")
+
+
 def test_a_converter_narrower_than_stroke_or_sensor_is_the_limit() -> None:
     lines = Lines(2000, 2000, DT_S)
     info = replace(rig_info(range_v=2.0), limits=replace(rig_info().limits, stroke_m=0.079))

@@ -275,15 +275,38 @@ def test_the_observer_follows_the_command_that_was_applied() -> None:
     variance = drive_direct @ drive_direct.T + noise**2
     gain = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T)[0]
     random, limit = np.random.default_rng(4), 0.02
-    state, estimate, clipped = np.zeros(len(a)), np.zeros(len(a)), 0
+    state, estimate, clipped, low = np.zeros(1 + len(a)), np.zeros(len(a)), 0, 0.0
+    share = 1.0 - np.exp(-2.0 * np.pi * 0.1 * DT_S)  # of the high pass, which sums what was applied
     for error in 3.0 * random.standard_normal(400):
         wanted = float(block.C[0] @ state)
         applied = float(np.clip(wanted, -limit, limit))
         clipped += applied != wanted
-        assert state == pytest.approx(estimate, rel=1e-9, abs=1e-12)
+        assert state == pytest.approx([*estimate, low], rel=1e-9, abs=1e-12)
         state = block.A @ state + block.B @ np.array([error, applied - wanted])
-        estimate = a @ estimate + b * applied + gain * (-error - c[0] @ estimate - d * applied)
+        through = applied + low  # before the high pass, as far as it was applied: what the observer is told
+        estimate = a @ estimate + b * through + gain * (-error - c[0] @ estimate - d * through)
+        low += share * applied
     assert 100 < clipped < 400
+
+
+def test_an_offset_behind_an_ac_coupling_moves_the_table_aside_and_no_further() -> None:
+    """A constant error and the line that the correction of an AC coupling of 0.2 Hz makes of it, for 100 s, played
+    sample by sample: the command comes to rest at the offset's response times the ratio of both corners."""
+    table, block = sampled_table(MODEL, DT_S), lqg(MODEL, 1.0, DT_S)
+    seconds = DT_S * np.arange(round(100.0 / DT_S))
+    command, left = [], np.zeros(len(table.A))
+    state = np.zeros(len(block.A))
+    for error in 0.02 * (1.0 + 2.0 * np.pi * 0.2 * seconds):
+        sent = block.C @ state
+        command.append(float(sent[0]))
+        moved = error - table.C @ left - table.D @ sent
+        state, left = block.A @ state + block.B[:, 0] * moved, table.A @ left + table.B @ sent
+    n = len(block.A) - 1
+    still = np.eye(n) - block.A[:n, :n]
+    gain = block.C[0, :n] @ np.linalg.solve(still, block.B[:n, 0])  # without its high pass, at rest
+    assert command[-1] == pytest.approx(2.0 * 0.02 * gain, rel=5e-3)
+    assert np.abs(command).max() <= 1.05 * abs(command[-1])
+    assert abs(command[-1] - command[round(50.0 / DT_S)]) < 1e-3 * abs(command[-1])
 
 
 def test_a_table_with_a_direct_path_is_told_through_the_observer_too() -> None:
@@ -294,7 +317,7 @@ def test_a_table_with_a_direct_path_is_told_through_the_observer_too() -> None:
     assert abs(d[0, 0]) > 1e-3
     variance = drive_direct @ drive_direct.T + 1.0
     gain = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T).T
-    assert np.array_equal(lqg(model, 1.0, DT_S).B[:, 1:], b - gain @ d)
+    assert np.array_equal(lqg(model, 1.0, DT_S).B[:-1, 1:], b - gain @ d)
 
 
 @pytest.mark.parametrize(

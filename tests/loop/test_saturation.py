@@ -80,6 +80,7 @@ def reference(limit_v: float) -> Array:
     step, into = held(ta, tb, DT_S)
     table, estimate, corrector = np.zeros(len(ta)), np.zeros(len(a)), np.zeros(len(blocks.correction.A))
     sent, disturbance, commands = [0.0, 0.0], push(), np.zeros(STEPS)
+    share, low = 1.0 - np.exp(-2.0 * np.pi * 0.1 * DT_S), 0.0  # of the high pass, which sums what was applied
     for k in range(STEPS):
         sample = sensed @ table
         sample[0] += disturbance[k]
@@ -87,9 +88,11 @@ def reference(limit_v: float) -> Array:
         accel = (blocks.correction.C @ corrector + blocks.correction.D @ sample)[0]
         accel -= blocks.ripple_m_s2_per_v * (sent[0] - sent[1]) + blocks.ripple_sum_m_s2_per_v * (sent[0] + sent[1])
         corrector = blocks.correction.A @ corrector + blocks.correction.B @ sample
-        applied = np.clip(-gain @ estimate, -limit_v, limit_v)
-        innovation = accel - c[0] @ estimate - d[0, 0] * applied
-        estimate = a @ estimate + b[:, 0] * applied + observer * innovation
+        applied = np.clip(-gain @ estimate - low, -limit_v, limit_v)
+        through = applied + low  # the command before the high pass, as far as it was applied
+        innovation = accel - c[0] @ estimate - d[0, 0] * through
+        low += share * applied
+        estimate = a @ estimate + b[:, 0] * through + observer * innovation
         table = step @ table + into * sent[0]
         sent, commands[k] = [applied, sent[0]], applied
     return commands

@@ -36,8 +36,8 @@ Plant = tuple[Array, Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True)
 class Weights:
-    """What the regulator is designed for: the band of the error that it removes, what a command costs, and the corner of
-    the high pass of its command.
+    """What the regulator is designed for: the band of the error that it removes, what a command costs, and the corner
+    of its command's high pass.
 
     The default frequencies belong to the usual test band.
     """

@@ -11,11 +11,18 @@ from decimal import ROUND_DOWN, Context
 import numpy as np
 
 from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
-from rths_cli.analysis.closed_loop_response import hybrid, loop_response
+from rths_cli.analysis.closed_loop_response import LoopResponse, hybrid, loop_response
 from rths_cli.analysis.critical_delay import CriticalDelay
 from rths_cli.analysis.fourier_lines import low_lines
 from rths_cli.analysis.identified_rig_block import IdentifiedRig
-from rths_cli.analysis.predicted_error import Known, Prediction, data_ratio, of_correction, ratio_error
+from rths_cli.analysis.predicted_error import (
+    Known,
+    Prediction,
+    data_ratio,
+    of_correction,
+    ratio_error,
+    white_noise_m_s2,
+)
 from rths_cli.analysis.quantisation import zero_error
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.margins import Margins, margins
@@ -39,7 +46,7 @@ LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # start: lower with a l
 MODES_HZ = 60.0  # of the usual compared band: highest loop mode around which the grid is refined
 LEAST_LOOP = 1e-12  # a smaller loop gain counts as zero
 BESIDE = 0.1  # largest logarithm of the frequency ratio of a zero and the pole of the same mode
-DISPLACEMENT = "displacement (with room to brake)"
+DISPLACEMENT, VELOCITY = "displacement (with room to brake)", "velocity"
 NO_ZEROS = np.empty(0, dtype=complex)
 
 
@@ -81,18 +88,32 @@ class Stability:
     gain_change: float = 0.0  # relative, within which it is the worst
     compared: ComparedBand = USUAL  # band in which the model was compared with its data
     feedback: Beyond = NO_FEEDBACK
+    # (c,) rms of the command's rate in V/s by white noise of 1 V (rms per sample) in each channel
+    rate_by_noise: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Strays:
+    """What the samples' zeros, noise and rounding add to the command of the undisturbed test, at any scaling."""
+
+    aside_v: float = 0.0  # how far it goes aside
+    rate_v_s: float = 0.0  # the peak of its rate
+
+
+NO_STRAYS = Strays()
 
 
 @dataclass(frozen=True)
 class Reach:
     """The predicted peak of a quantity and its limit, both in `units`; `fixed`: the part of the peak that does not grow
-    with the record."""
+    with the record; `key`: what states the limit."""
 
     name: str
     peak: float
     limit: float
     units: str
     fixed: float = 0.0
+    key: str = "the limit"
 
     @property
     def share(self) -> float:
@@ -269,13 +290,18 @@ def _advice(at_hz: float, feedback: bool, compared: ComparedBand) -> str:
 def _beyond(row: Reach, largest: float, last: bool) -> Fault:
     """Return the reason that a predicted peak is; the last one of several tells the largest safe scaling."""
     text = (
-        f"{row.name}: {row.peak:.4g} {row.units} is predicted, the limit is {row.limit:.4g} {row.units} and a tenth of "
-        "it is kept in reserve"
+        f"{row.name}: {row.peak:.4g} {row.units} is predicted, {row.key} permits {row.limit:.4g} {row.units} and a "
+        "tenth of it is kept in reserve"
     )
     if row.name == DISPLACEMENT and row.fixed > RESERVE * row.limit:
         text += (
             f"; {row.fixed:.3g} {row.units} of it because a channel's zero is known to a part of a bit only, and the "
             "feedback follows it: use converters with more bits or a smaller range, or controller FF"
+        )
+    if row.name == VELOCITY and row.fixed > RESERVE * row.limit:
+        text += (
+            f"; {row.fixed:.3g} {row.units} of it by noise and rounding of samples and command, from one sample to the "
+            "next: use converters with more bits or a smaller range, a slower feedback, or controller FF"
         )
     if last and largest > 0.0:
         text += f"; the largest safe scaling is {rounded_down(largest):g}"
@@ -327,7 +353,23 @@ def stability(
         change,
         compared,
         _beyond_the_band(loop.feedback * loop.rig[0], frequency, max(measured_hz[1], compared.high_hz)),
+        _rate_by_noise(loop, np.einsum("ccm->cm", blocks.correction.response(frequency)), frequency, rig.plant.dt_s),
     )
+
+
+def _rate_by_noise(loop: LoopResponse, correction: ComplexArray, frequency_hz: Array, dt_s: float) -> tuple[float, ...]:
+    """Return the rms of the command's rate in V/s, from one sample to the next, by white noise of 1 V in each channel.
+
+    `correction` (c, m): of each channel's samples, in m/s^2 per V.
+    """
+    steep = 2.0 * np.sin(np.pi * frequency_hz * dt_s) / dt_s
+    still, found = np.zeros((3, len(frequency_hz)), dtype=complex), []
+    for channel, each in enumerate(correction):
+        noise = np.zeros_like(correction)
+        noise[channel] = each
+        power = 2.0 * dt_s * np.abs(hybrid(loop, still, noise).command_v * steep) ** 2
+        found.append(float(np.sqrt(np.trapezoid(power, frequency_hz))))
+    return tuple(found)
 
 
 def growth(radius: float, samples: int) -> float:
@@ -453,7 +495,18 @@ def _grid(values: ComplexArray, dt_s: float, compared: ComparedBand) -> Array:
     return np.unique(np.concatenate([below, above[1:], around[around < 0.5 / dt_s]]))
 
 
-def aside_v(known: Known) -> float:
+def strays(known: Known, found: Stability) -> Strays:
+    """Return what zeros, noise and rounding of the samples add to the command.
+
+    Its rate is the largest of as many normal values as the record has samples.
+    """
+    sizes = np.array([channel.sensitivity_v_per_unit for channel in known.rig.channels])
+    noise_v = np.hypot(white_noise_m_s2(known) * sizes, known.rig.converters.step_v / math.sqrt(12.0))
+    largest = math.sqrt(2.0 * math.log(max(known.lines.samples, 2)))
+    return Strays(_aside_v(known), largest * float(np.linalg.norm(np.multiply(found.rate_by_noise, noise_v))))
+
+
+def _aside_v(known: Known) -> float:
     """Return how far the command goes aside because the channels' zeros are known to a part of a bit only: twice the
     root mean square, at most what half a bit of each channel does.
 
@@ -476,11 +529,11 @@ def aside_v(known: Known) -> float:
 
 
 def reach(
-    known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array, aside: float = 0.0
+    known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array, strays: Strays = NO_STRAYS
 ) -> tuple[Reach, ...]:
     """Return the peaks of the undisturbed test, with the limits that the guard enforces.
 
-    `masses_kg` (c,): moving mass and floors. `aside` in V, as `aside_v`. As in the guard, displacement and velocity are
+    `masses_kg` (c,): moving mass and floors. As in the guard, displacement and velocity are
     the command times the nominal gain, and the displacement includes the room to brake.
     """
     lines, motion = known.lines, prediction.nominal
@@ -488,7 +541,7 @@ def reach(
     command, rate = (_from_rest(known, values) for values in (motion.command_v, s * motion.command_v))
     accel = np.array([_from_rest(known, values) for values in motion.corrected])
     loudest = 0.0 if known.peaks_m_s2 is None else float(known.peaks_m_s2.max())
-    return reach_of_series(command, rate, accel, loudest, rig, masses_kg, known.shaped, aside)
+    return reach_of_series(command, rate, accel, loudest, rig, masses_kg, known.shaped, strays)
 
 
 def reach_of_series(
@@ -499,7 +552,7 @@ def reach_of_series(
     rig: RigInfo,
     masses_kg: Array,
     shaped: bool,
-    aside: float = 0.0,
+    strays: Strays = NO_STRAYS,
 ) -> tuple[Reach, ...]:
     """Return the peaks of a test with its limits, as `reach`, from command and its rate (n,) and accelerations (c, n).
 
@@ -511,15 +564,24 @@ def reach_of_series(
     braked = place + 0.5 * speed * np.abs(speed) / (BRAKE_SHARE * rig.limits.acceleration_m_s2)
     force = masses_kg @ accel_m_s2
     range_m_s2 = min(min(c.range, rig.converters.range_v / c.sensitivity_v_per_unit) for c in rig.channels)
-    rounding = (2.0 if shaped else 1.0) * rig.gain_m_per_v * rig.converters.step_v / rig.dt_s
-    stroke, aside_m = min(rig.limits.stroke_m, rig.gain_m_per_v * rig.converters.range_v), rig.gain_m_per_v * aside
+    rounding = (2.0 if shaped else 1.0) * rig.converters.step_v / rig.dt_s
+    aside_m, faster_m_s = rig.gain_m_per_v * strays.aside_v, rig.gain_m_per_v * (rounding + strays.rate_v_s)
+    limits, converters, gain = rig.limits, rig.converters, rig.gain_m_per_v
+    stroke = min(limits.stroke_m, gain * converters.range_v)
+    of_stroke = "limits.stroke_m" if limits.stroke_m <= stroke else "converters.range_v"
     return (
-        Reach(DISPLACEMENT, _peak(np.maximum(np.abs(place), np.abs(braked))) + aside_m, stroke, "m", aside_m),
-        Reach("velocity", _peak(speed) + rounding, rig.limits.fastest_m_s(rig.gain_m_per_v), "m/s", rounding),
-        Reach("acceleration", loudest, rig.limits.acceleration_m_s2, "m/s^2"),
-        Reach("accelerometers' range", loudest, range_m_s2, "m/s^2"),
-        Reach("actuator force", _peak(force), rig.limits.force_n, "N"),
-        Reach("command", _peak(command_v) + aside, rig.converters.range_v, "V", aside),
+        Reach(
+            DISPLACEMENT, _peak(np.maximum(np.abs(place), np.abs(braked))) + aside_m, stroke, "m", aside_m, of_stroke
+        ),
+        Reach(
+            VELOCITY, _peak(speed) + faster_m_s, limits.fastest_m_s(gain), "m/s", faster_m_s, limits.of_fastest(gain)
+        ),
+        Reach("acceleration", loudest, limits.acceleration_m_s2, "m/s^2", key="limits.acceleration_m_s2"),
+        Reach("accelerometers' range", loudest, range_m_s2, "m/s^2", key="the narrowest channel"),
+        Reach("actuator force", _peak(force), limits.force_n, "N", key="limits.force_n"),
+        Reach(
+            "command", _peak(command_v) + strays.aside_v, converters.range_v, "V", strays.aside_v, "converters.range_v"
+        ),
     )
 
 

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.identified_rig_block import IdentifiedRig
     from rths_cli.analysis.predicted_error import Errors, Prediction
     from rths_cli.analysis.sim import Response
+    from rths_cli.analysis.stability_check import Strays
     from rths_cli.analysis.true_error import Remedy, TrueError
     from rths_cli.control.designed_blocks import Blocks
     from rths_cli.experiment.design import Design
@@ -131,7 +132,8 @@ def _judge_one(
     known = replace(known, slow_roots=slow_roots(matrix, dt, known.lines.padded * dt), compensation=counters)
     prediction = predict(known)
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
-    rows = preflight.reach(known, prediction, setup.rig, masses, preflight.aside_v(known))
+    strays = preflight.strays(known, found)
+    rows = preflight.reach(known, prediction, setup.rig, masses, strays)
     stable = prediction if found.radius < 1.0 else None
     ends = stated_ends(setup.case, design.blocks.counters_reaction)
     tangents = tangent_verdicts(setup, identified, as_designed.blocks, whole, shared, ends)
@@ -139,7 +141,7 @@ def _judge_one(
     simulated, replay = None, None
     if stable is not None and whole.has_laws:
         played = replace(as_designed, blocks=as_designed.blocks.without_compensation())  # beside what it leaves
-        simulated = _simulated(setup, whole, played, rig, known, stable, shared)
+        simulated = _simulated(setup, whole, played, rig, known, stable, strays, shared)
         replay = partial(Replayed, setup, whole, played, rig, known, _sim_with_laws(setup, whole, shared))
         rows, further = simulated.reach, (*further, *simulated.faults)
         total = simulated.total
@@ -309,7 +311,7 @@ def _at_every_level(whole: Building, identified: Identification) -> Building:
 
 def _simulated(
     setup: Setup, building: Building, design: Design, rig: IdentifiedRig, known: Known, prediction: Prediction,
-    shared: SharedValues,
+    strays: Strays, shared: SharedValues,
 ) -> Simulated:  # fmt: skip
     """Return the simulated test; with `shared`, equal tests of several cases are simulated once."""
     sim = _sim_with_laws(setup, building, shared)
@@ -324,10 +326,11 @@ def _simulated(
         known.friction,
         known.noise_m_s2,
         known.compensation,
+        strays,
     )
     return shared.get(
         "simulated test", (motion_key(setup.case), asked, lowest_reliable_hz(setup), setup.case.test_band_hz),
-        lambda: simulated_test(setup, building, design, rig, known, prediction, sim),
+        lambda: simulated_test(setup, building, design, rig, known, prediction, sim, strays),
     )  # fmt: skip
 
 

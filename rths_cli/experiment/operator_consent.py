@@ -93,6 +93,6 @@ def _about(rig: RigInfo) -> str:
     limits = rig.limits
     return (
         f"rig {rig.name} ({', '.join(filter(None, (rig.kind, rig.driver_verified)))}) at {1.0 / rig.dt_s:g} Hz, within "
-        f"{1e3 * limits.stroke_m:g} mm, {limits.velocity_m_s:g} m/s, {limits.acceleration_m_s2:g} m/s^2, "
+        f"{1e3 * limits.stroke_m:g} mm, {limits.fastest_m_s(rig.gain_m_per_v):.4g} m/s, {limits.acceleration_m_s2:g} m/s^2, "
         f"{limits.force_n:g} N"
     )

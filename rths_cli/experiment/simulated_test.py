@@ -19,7 +19,7 @@ from rths_cli.analysis.predicted_error import (
     model_error_samples,
     white_noise_m_s2,
 )
-from rths_cli.analysis.stability_check import Fault, Reach, aside_v, reach_of_series
+from rths_cli.analysis.stability_check import Fault, Reach, Strays, reach_of_series
 from rths_cli.experiment import run_metrics
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.one_table_run import drive_of
@@ -104,12 +104,12 @@ class SimulatedTest:
 
 def simulated_test(
     setup: Setup, building: Building, design: Design, rig: IdentifiedRig, known: Known, at_rest: Prediction,
-    sim: Response,
+    sim: Response, strays: Strays,
 ) -> Simulated:  # fmt: skip
     """Return the simulated test of a building with laws on the identified rig.
 
     `building` consists of the computed storeys with their laws and the identified specimen, and `sim` is its SIM;
-    `known` and `at_rest` are inputs and result of the prediction of the storeys at rest.
+    `known` and `at_rest` are inputs and result of the prediction of the storeys at rest, `strays` theirs.
     """
     info, blocks = setup.rig, design.blocks
     test = SimulatedTest(setup, building, blocks, drive_of(setup, design))
@@ -119,7 +119,7 @@ def simulated_test(
     rows, still = len(test.drive), np.zeros((len(test.drive), len(info.channels)))
     never = _without_limits(limits)
     nominal = test.play(rig.plant, quiet, Disturbed(still), never)
-    reach = _reach(setup, nominal, sim, blocks.shaping_step_v > 0.0, aside_v(known))
+    reach = _reach(setup, nominal, sim, blocks.shaping_step_v > 0.0, strays)
     if not nominal.outcome.played:
         return Simulated((_stopped(nominal.outcome),), tuple(replace(row, peak=np.inf) for row in reach))
     command = known.lines.of(nominal.outcome.log.command_v[: known.lines.samples])
@@ -232,7 +232,7 @@ def _on_perfect_table(test: SimulatedTest, limits: GuardLimits) -> _Played | Non
     return test.play(plant, quiet, Disturbed(still, of_desired=True), limits)
 
 
-def _reach(setup: Setup, played: _Played, sim: Response, shaped: bool, aside: float) -> tuple[Reach, ...]:
+def _reach(setup: Setup, played: _Played, sim: Response, shaped: bool, strays: Strays) -> tuple[Reach, ...]:
     """Return the peaks of a simulated test, with the limits that the guard enforces."""
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
     log, steps = played.outcome.log, max(played.outcome.steps, 2)
@@ -240,7 +240,7 @@ def _reach(setup: Setup, played: _Played, sim: Response, shaped: bool, aside: fl
     rate = np.diff(command, prepend=0.0) / setup.rig.dt_s
     interface = len(setup.building.numerical.masses_kg) - 1
     loudest = float(np.abs(sim.abs_accel_m_s2[interface:]).max())
-    return reach_of_series(command, rate, accel, loudest, setup.rig, masses, shaped, aside)
+    return reach_of_series(command, rate, accel, loudest, setup.rig, masses, shaped, strays)
 
 
 def _samples_v(known: Known, rig: IdentifiedRig, corrected: ComplexArray, rows: int) -> Array:

@@ -268,7 +268,7 @@ def _reach(values: Values) -> list[str]:
         peak, limit = _one(values, f"peak_{leaf}"), _one(values, f"limit_{leaf}")
         rows.append([label, number(scale * peak), number(scale * limit), f"{100 * peak / limit:.1f}"])
     largest = _one(values, "largest_scaling")
-    scaling = f"{largest:g}" if largest > 0.0 else "none, the loop itself is not safe"
+    scaling = f"{largest:g}" if largest > 0.0 else "none, the test is not safe with any"
     return [
         labelled("table limits", "predicted peaks, at most 90 % of each limit; displacement with the room to brake"),
         *aligned(rows),

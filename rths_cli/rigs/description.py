@@ -90,6 +90,11 @@ class Limits:
         """Return the velocity in m/s that the limits of velocity and of the command's rate permit a table."""
         return min(self.velocity_m_s, gain_m_per_v * self.command_rate_v_s)
 
+    def of_fastest(self, gain_m_per_v: float) -> str:
+        """Return the key of the limit that `fastest_m_s` is."""
+        by_rate = gain_m_per_v * self.command_rate_v_s < self.velocity_m_s
+        return "limits.command_rate_v_s" if by_rate else "limits.velocity_m_s"
+
 
 @dataclass(frozen=True)
 class Uncertainty:

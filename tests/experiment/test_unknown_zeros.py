@@ -1,58 +1,101 @@
-"""How far a hybrid test goes aside because a channel's zero is known to a part of a bit only."""
+"""What zeros, noise and rounding of the samples add to the command of a hybrid test."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from rths_cli.analysis.stability_check import aside_v, reach
+from rths_cli.analysis.stability_check import Strays, reach, strays
 from rths_cli.case.load import load_cases
-from rths_cli.experiment.check import judge
+from rths_cli.experiment.check import Judged, judge
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.rig_access import guard_limits
-from rths_cli.experiment.setup import make_setup
+from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.simulated_test import _without_limits
 from rths_cli.identification.results import Identification
 from rths_cli.loop.identified_rig_run import Disturbed, play_identified, seen_by_model
 from rths_cli.numerics.lti import Array
 
+Play = Callable[[Array], Array]
 
-@pytest.mark.parametrize("corner_hz", [0.05, 0.3])
-def test_a_constant_offset_moves_the_command_as_far_as_the_check_says(
-    default_identification: Identification, corner_hz: float
-) -> None:
-    """The step itself, on the identified rig without ground motion: each channel is half a bit off from the start, of
-    which the correction of its coupling makes a line (that rig has no coupling)."""
+
+def case_of(identified: Identification, corner_hz: float = 0.024) -> tuple[Setup, Judged, Play]:
+    """Return a case with another AC coupling, its check, and its step on the identified rig without ground motion: the
+    command (n,) in V by what is added to the samples (n, c) in V. That rig has no coupling, and none is corrected."""
     settings = ["controller={kind: FF+FB, reaction_feedforward: false}"]
     setup = make_setup(load_cases(["el_centro_low_ff_fb"], settings)[0])
     coupled = tuple(replace(channel, high_pass_hz=corner_hz) for channel in setup.rig.channels)
     setup = replace(setup, rig=replace(setup.rig, channels=coupled))
-    design = design_blocks(setup, default_identification)
-    known = judge(setup, default_identification, design).known
-    assert known is not None
-    rig, _ = loop_parts(setup, default_identification)
+    design = design_blocks(setup, identified)
+    rig, _ = loop_parts(setup, identified)
     blocks = replace(seen_by_model(rig, design.blocks, setup.rig, setup.removes_sensors), shaping_step_v=0.0)
-    rows, bit = len(setup.motion.time_s) + design.blocks.lead_samples, setup.rig.converters.step_v
 
-    def command(channel: int) -> Array:
-        added = np.zeros((rows, len(setup.rig.channels)))
-        added[:, channel] = 0.5 * bit * (1.0 + 2.0 * np.pi * corner_hz * setup.rig.dt_s * np.arange(rows))
+    def play(added_v: Array) -> Array:
         limits = _without_limits(guard_limits(setup))
-        played = play_identified(rig.plant, setup.rig, blocks, np.zeros((rows, 3)), limits, Disturbed(added))
+        still = np.zeros((len(added_v), 3))
+        played = play_identified(rig.plant, setup.rig, blocks, still, limits, Disturbed(added_v))
         return played.log.command_v[: played.steps]
 
-    paths = [np.abs(command(channel)).max() for channel in range(len(setup.rig.channels))]
-    silent = replace(known, noise_m_s2=np.zeros(len(paths)))
+    return setup, judge(setup, identified, design), play
+
+
+@pytest.mark.parametrize("corner_hz", [0.05, 0.3])
+def test_an_offset_moves_the_command_as_far_as_the_check_says(
+    default_identification: Identification, corner_hz: float
+) -> None:
+    """Each channel is half a bit off from the start, of which the correction of its coupling makes a line."""
+    setup, judged, play = case_of(default_identification, corner_hz)
+    known, stability = judged.known, judged.preflight.stability
+    assert known is not None
+    rows, channels, bit = len(setup.motion.time_s), len(setup.rig.channels), setup.rig.converters.step_v
+    line = 0.5 * bit * (1.0 + 2.0 * np.pi * corner_hz * setup.rig.dt_s * np.arange(rows))
+    paths = [np.abs(play(np.outer(line, one))).max() for one in np.eye(channels)]
+    silent = replace(known, noise_m_s2=np.zeros(channels))
     two_sigma = 2.0 / np.sqrt(3.0) * np.linalg.norm(paths)  # half a bit is sqrt(3) standard deviations
-    assert aside_v(silent) == pytest.approx(min(two_sigma, sum(paths)), rel=0.02)
+    found = strays(silent, stability)
+    assert found.aside_v == pytest.approx(min(two_sigma, sum(paths)), rel=0.02)
     bits = bit / np.array([channel.sensitivity_v_per_unit for channel in setup.rig.channels])
-    assert aside_v(replace(known, noise_m_s2=bits)) < 1e-3 * aside_v(silent)
-    prediction = judge(setup, default_identification, design).preflight.prediction
-    still, moved = (reach(silent, prediction, setup.rig, np.ones(len(bits)), far) for far in (0.0, 0.5))
-    gain = setup.rig.gain_m_per_v
+    assert strays(replace(known, noise_m_s2=bits), stability).aside_v < 1e-3 * found.aside_v
+
+
+def test_noise_moves_the_command_as_fast_as_the_check_says(default_identification: Identification) -> None:
+    """Normal noise in all channels; the peak of 100,000 differences is within a tenth of what independent ones have.
+    Rounding errors are bounded: their peak is less."""
+    setup, judged, play = case_of(default_identification)
+    known, stability = judged.known, judged.preflight.stability
+    assert known is not None
+    rows, channels, bit = len(setup.motion.time_s), len(setup.rig.channels), setup.rig.converters.step_v
+    sizes = np.array([channel.sensitivity_v_per_unit for channel in setup.rig.channels])
+    random = np.random.default_rng(3)
+    for channel, wanted in enumerate(stability.rate_by_noise):
+        noise = np.zeros((rows, channels))
+        noise[:, channel] = 1e-3 * random.standard_normal(rows)
+        assert np.std(np.diff(play(noise))) / setup.rig.dt_s == pytest.approx(1e-3 * wanted, rel=0.03)
+    white_v = 20.0 * bit
+    rates = np.abs(np.diff(play(white_v * random.standard_normal((rows, channels))))) / setup.rig.dt_s
+    noisy = replace(known, noise_m_s2=np.full(channels, white_v) / sizes)
+    assert strays(noisy, stability).rate_v_s == pytest.approx(rates.max(), rel=0.1)
+    rounded = play(bit * random.uniform(-0.5, 0.5, (rows, channels)))
+    silent = replace(known, noise_m_s2=np.zeros(channels))
+    steepest = np.abs(np.diff(rounded)).max() / setup.rig.dt_s
+    assert steepest <= strays(silent, stability).rate_v_s <= 1.4 * steepest
+
+
+def test_the_reach_contains_what_is_added(default_identification: Identification) -> None:
+    setup, judged, _ = case_of(default_identification)
+    known, prediction = judged.known, judged.preflight.prediction
+    assert known is not None and prediction is not None
+    masses, gain = np.ones(len(setup.rig.channels)), setup.rig.gain_m_per_v
+    still, moved = (
+        reach(known, prediction, setup.rig, masses, each) for each in (Strays(), Strays(aside_v=0.5, rate_v_s=2.0))
+    )
     assert [after.peak - before.peak for before, after in zip(still, moved, strict=True)] == pytest.approx(
-        [0.5 * gain, 0.0, 0.0, 0.0, 0.0, 0.5], abs=1e-12
+        [0.5 * gain, 2.0 * gain, 0.0, 0.0, 0.0, 0.5], abs=1e-12
+    )
+    assert [after.fixed - before.fixed for before, after in zip(still, moved, strict=True)] == pytest.approx(
+        [0.5 * gain, 2.0 * gain, 0.0, 0.0, 0.0, 0.5], abs=1e-12
     )

@@ -72,6 +72,8 @@ class Known:
     compared: ComparedBand = USUAL  # band in which the model was compared with its data
     specimen: Specimen | None = None  # as identified
     peaks_m_s2: Array | None = None  # (c,) peaks of SIM's interface and floors at all frequencies; None: not known
+    # (c,) in m/s^2: what the zeros at rest are off by, as a record in motion showed; None: not known
+    zero_m_s2: Array | None = None
     # (k,) rad/s: roots of motions of the loop that do not decay within the padding after the record
     slow_roots: ComplexArray = field(default_factory=lambda: np.zeros(0, dtype=complex))
 

@@ -64,6 +64,8 @@ def zero_error(step: float, at_rest: float) -> float:
     anywhere between two steps. Without noise its error is anything up to half a step; noise of a step makes it nothing.
     Rounding by itself may show half a step of `at_rest` (between two steps), which is not counted as noise.
     """
+    if step <= 0.0:
+        return 0.0
     noise = max(at_rest**2 - 0.25 * step**2, 0.0)
     n = np.arange(1, ZERO_HARMONICS + 1)
     power = step**2 / (2.0 * np.pi**2 * n**2) * np.exp(-((2.0 * np.pi * n / step) ** 2) * noise)

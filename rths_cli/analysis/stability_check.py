@@ -32,6 +32,7 @@ from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model
 from rths_cli.rigs.description import BRAKE_SHARE, RigInfo
 
 SAFE, UNSAFE, UNSTABLE = VERDICTS = "safe", "unsafe", "unstable"  # the worst last
+ZERO_CHANGES = 0.05  # of a bit: standard uncertainty of a zero that a record in motion showed
 UNSEEN_CHANGE, UNCOMPARED_CHANGE = 0.01, 0.06  # change of its response that a verification accepts; without low level
 MOST_UNKNOWN = 3.0  # error of the response beyond the identified band that the feedback by itself must tolerate
 SIGMA = 3.0  # standard uncertainties of the measured response
@@ -507,11 +508,12 @@ def strays(known: Known, found: Stability) -> Strays:
 
 
 def _aside_v(known: Known) -> float:
-    """Return how far the command goes aside because the channels' zeros are known to a part of a bit only: twice the
-    root mean square, at most what half a bit of each channel does.
+    """Return how far the command goes aside because the channels' zeros are their means at rest, which stay within a
+    bit: by what a record in motion showed them to be off, and twice the root mean square of what that leaves unknown.
 
-    A zero's error does not change during the test. The correction of an AC coupling integrates it; after the record an
-    opposite offset takes the integral back, so that it is that of a test which starts at rest.
+    Without such a record a zero is off by anything up to half a bit. A zero's error does not change during the test.
+    The correction of an AC coupling integrates it; after the record an opposite offset takes the integral back, so that
+    it is that of a test which starts at rest.
     """
     lines = known.lines
     back = max((lines.padded - lines.samples) // 2, 1)
@@ -523,9 +525,14 @@ def _aside_v(known: Known) -> float:
     for channel in range(len(bits)):
         made[:], made[channel] = 0.0, corrected[channel] * held
         series = _from_rest(known, hybrid(known.loop, still, made).command_v)
-        paths.append(_peak(series - series[0]))  # lines have no mean; the test starts at zero
-    errors = [zero_error(bit, noise) for bit, noise in zip(bits, known.noise_m_s2, strict=True)]
-    return min(2.0 * float(np.linalg.norm(np.multiply(errors, paths))), float(0.5 * bits @ paths))
+        paths.append(series - series[0])  # lines have no mean; the test starts at zero
+    off = np.array([zero_error(bit, noise) for bit, noise in zip(bits, known.noise_m_s2, strict=True)])
+    if known.zero_m_s2 is None:
+        seen, unknown = np.zeros(len(bits)), off
+    else:
+        seen, unknown = np.clip(known.zero_m_s2, -2.0 * off, 2.0 * off), np.minimum(off, ZERO_CHANGES * bits)
+    peaks = np.array([_peak(path) for path in paths])
+    return _peak(seen @ np.array(paths)) + min(2.0 * float(np.linalg.norm(unknown * peaks)), float(0.5 * bits @ peaks))
 
 
 def reach(

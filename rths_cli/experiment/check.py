@@ -412,7 +412,19 @@ def known_of(
         compared=setup.compared,
         specimen=specimen,
         peaks_m_s2=np.abs(sim.abs_accel_m_s2[interface:]).max(axis=1),
+        zero_m_s2=_zeros(identified, setup),
     )
+
+
+def _zeros(identified: Identification, setup: Setup) -> Array | None:
+    """Return what the channels' zeros at rest (c,) in m/s^2 are off by, as the identification showed; None: not known.
+
+    On a real rig amplifiers move their zeros by more than that until the test.
+    """
+    shown = [channel.zero_m_s2 for channel in identified.channels]
+    if setup.rig.can.moves_hardware or not setup.removes_sensors or None in shown:
+        return None
+    return np.array(shown)
 
 
 def _before_correction(identified: Identification, correction: Block, setup: Setup) -> Array:

@@ -90,9 +90,9 @@ def _peaks(figures: Values) -> str:
 
 def _about(rig: RigInfo) -> str:
     """Return the line on a rig: driver, sample rate and limits."""
-    limits = rig.limits
+    limits, fastest = rig.limits, rig.limits.fastest_m_s(rig.gain_m_per_v)
     return (
         f"rig {rig.name} ({', '.join(filter(None, (rig.kind, rig.driver_verified)))}) at {1.0 / rig.dt_s:g} Hz, within "
-        f"{1e3 * limits.stroke_m:g} mm, {limits.fastest_m_s(rig.gain_m_per_v):.4g} m/s, {limits.acceleration_m_s2:g} m/s^2, "
+        f"{1e3 * limits.stroke_m:g} mm, {fastest:.4g} m/s, {limits.acceleration_m_s2:g} m/s^2, "
         f"{limits.force_n:g} N"
     )

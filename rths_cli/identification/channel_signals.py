@@ -163,9 +163,25 @@ def reports(
                 coherence(frfs[index], compared) if frfs else float("nan"),
                 amplitude,
                 frequency,
+                _zero(records, index, channel, info.dt_s),
             )
         )
     return tuple(found)
+
+
+def _zero(records: Sequence[Record], index: int, channel: Channel, dt_s: float) -> float | None:
+    """Return a channel's mean in motion less its mean at rest, in m/s^2 as sampled; None without a silence.
+
+    A motion from rest to rest, or over whole periods, has no mean. At rest samples stay within a bit, in motion their
+    rounding is spread over the bits: the difference is what the mean at rest is off by.
+    """
+    found = []
+    for record in records:
+        rest = record.parts.silence
+        if rest is not None and np.isfinite(record.accel_m_s2[index]).all():
+            sampled = as_sampled(record.accel_m_s2[index], channel, dt_s)
+            found.append(float(sampled[record.parts.noise].mean() - sampled[rest].mean()))
+    return float(np.mean(found)) if found else None
 
 
 def coherence(frf: Frf, compared: ComparedBand = USUAL) -> float:

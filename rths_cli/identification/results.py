@@ -29,6 +29,8 @@ class ChannelReport:
     coherence: float  # median in the compared band
     hum_m_s2: float = 0.0  # amplitude of the mains hum
     hum_hz: float = 0.0  # its frequency; 0: no hum
+    # its zero in motion, which spreads the samples over the bits, beside its mean at rest; None: no silence
+    zero_m_s2: float | None = None
 
 
 @dataclass(frozen=True)

@@ -215,6 +215,7 @@ def _rows() -> dict[str, tuple[Entry, ...]]:
             ("coherence", "1", row, "median coherence in the compared band"),
             ("hum_m_s2", "m/s^2", row, "amplitude of mains hum; 0: none"),
             ("hum_hz", "Hz", row, "frequency of mains hum"),
+            ("zero_m_s2", "m/s^2", row, "zero in motion beside the mean at rest; NaN: no silence"),
         ),
         "candidates": (
             ("name", "1", row, "name of the structure"),

@@ -212,7 +212,7 @@ def test_rounding_of_samples_to_coarse_bits() -> None:
 def test_rounding_of_commands(shaped: bool) -> None:
     fault = Fault(command_bits=16, shaped=shaped, noise_m_s2=NOISE_M_S2)
     found, exact = figures(predict(known(fault)).causes["rounding"]), replace(fault, command_bits=0)
-    assert found == pytest.approx(change(fault, exact, motion(), 2, 1000), rel=0.04 if shaped else 0.1)
+    assert found == pytest.approx(change(fault, exact, motion(), 6, 1000), rel=0.04 if shaped else 0.1)
 
 
 def test_friction() -> None:

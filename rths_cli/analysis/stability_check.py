@@ -114,7 +114,7 @@ class Reach:
     limit: float
     units: str
     fixed: float = 0.0
-    key: str = "the limit"
+    key: str = ""
 
     @property
     def share(self) -> float:
@@ -291,8 +291,8 @@ def _advice(at_hz: float, feedback: bool, compared: ComparedBand) -> str:
 def _beyond(row: Reach, largest: float, last: bool) -> Fault:
     """Return the reason that a predicted peak is; the last one of several tells the largest safe scaling."""
     text = (
-        f"{row.name}: {row.peak:.4g} {row.units} is predicted, {row.key} permits {row.limit:.4g} {row.units} and a "
-        "tenth of it is kept in reserve"
+        f"{row.name}: {row.peak:.4g} {row.units} is predicted, the limit is {row.limit:.4g} {row.units}"
+        f"{f' ({row.key})' if row.key else ''} and a tenth of it is kept in reserve"
     )
     if row.name == DISPLACEMENT and row.fixed > RESERVE * row.limit:
         text += (

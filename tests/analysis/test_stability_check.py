@@ -116,7 +116,7 @@ def test_beyond_nine_tenths_of_a_limit_is_unsafe_and_names_the_largest_scaling()
     assert found.verdict == UNSAFE
     assert found.largest_scaling == pytest.approx(0.3)
     assert found.reasons[0] == (
-        "velocity: 0.91 m/s is predicted, the limit permits 1 m/s and a tenth of it is kept in reserve"
+        "velocity: 0.91 m/s is predicted, the limit is 1 m/s and a tenth of it is kept in reserve"
     )
     assert found.reasons[1].endswith("a tenth of it is kept in reserve; the largest safe scaling is 0.3")
     assert [reason.split(":")[0] for reason in found.reasons] == ["velocity", "command"]

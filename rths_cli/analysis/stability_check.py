@@ -47,7 +47,7 @@ LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # start: lower with a l
 MODES_HZ = 60.0  # of the usual compared band: highest loop mode around which the grid is refined
 LEAST_LOOP = 1e-12  # a smaller loop gain counts as zero
 BESIDE = 0.1  # largest logarithm of the frequency ratio of a zero and the pole of the same mode
-DISPLACEMENT, VELOCITY = "displacement (with room to brake)", "velocity"
+DISPLACEMENT = "displacement (with room to brake)"
 NO_ZEROS = np.empty(0, dtype=complex)
 
 
@@ -99,6 +99,7 @@ class Strays:
 
     aside_v: float = 0.0  # how far it goes aside
     rate_v_s: float = 0.0  # the peak of its rate
+    by_feedback: bool = False  # whether there is a feedback, which makes most of both
 
 
 NO_STRAYS = Strays()
@@ -107,7 +108,7 @@ NO_STRAYS = Strays()
 @dataclass(frozen=True)
 class Reach:
     """The predicted peak of a quantity and its limit, both in `units`; `fixed`: the part of the peak that does not grow
-    with the record; `key`: what states the limit."""
+    with the record, and `because` its cause with advice; `key`: what states the limit."""
 
     name: str
     peak: float
@@ -115,6 +116,7 @@ class Reach:
     units: str
     fixed: float = 0.0
     key: str = ""
+    because: str = ""
 
     @property
     def share(self) -> float:
@@ -294,16 +296,8 @@ def _beyond(row: Reach, largest: float, last: bool) -> Fault:
         f"{row.name}: {row.peak:.4g} {row.units} is predicted, the limit is {row.limit:.4g} {row.units}"
         f"{f' ({row.key})' if row.key else ''} and a tenth of it is kept in reserve"
     )
-    if row.name == DISPLACEMENT and row.fixed > RESERVE * row.limit:
-        text += (
-            f"; {row.fixed:.3g} {row.units} of it because a channel's zero is known to a part of a bit only, and the "
-            "feedback follows it: use converters with more bits or a smaller range, or controller FF"
-        )
-    if row.name == VELOCITY and row.fixed > RESERVE * row.limit:
-        text += (
-            f"; {row.fixed:.3g} {row.units} of it by noise and rounding of samples and command, from one sample to the "
-            "next: use converters with more bits or a smaller range, a slower feedback, or controller FF"
-        )
+    if row.because and row.fixed > RESERVE * row.limit:
+        text += f"; {row.fixed:.3g} {row.units} of it {row.because}"
     if last and largest > 0.0:
         text += f"; the largest safe scaling is {rounded_down(largest):g}"
     return Fault(row.name, text, row.share)
@@ -504,7 +498,8 @@ def strays(known: Known, found: Stability) -> Strays:
     sizes = np.array([channel.sensitivity_v_per_unit for channel in known.rig.channels])
     noise_v = np.hypot(white_noise_m_s2(known) * sizes, known.rig.converters.step_v / math.sqrt(12.0))
     largest = math.sqrt(2.0 * math.log(max(known.lines.samples, 2)))
-    return Strays(_aside_v(known), largest * float(np.linalg.norm(np.multiply(found.rate_by_noise, noise_v))))
+    rate = largest * float(np.linalg.norm(np.multiply(found.rate_by_noise, noise_v)))
+    return Strays(_aside_v(known), rate, bool(np.any(known.loop.feedback)))
 
 
 def _aside_v(known: Known) -> float:
@@ -567,29 +562,40 @@ def reach_of_series(
     are rounded with noise shaping, which carries an error over and can make two bits of it.
     """
     loudest = max(_peak(accel_m_s2), loudest_m_s2)
-    place, speed = rig.gain_m_per_v * command_v, rig.gain_m_per_v * rate_v_s
-    braked = place + 0.5 * speed * np.abs(speed) / (BRAKE_SHARE * rig.limits.acceleration_m_s2)
-    force = masses_kg @ accel_m_s2
-    range_m_s2 = min(min(c.range, rig.converters.range_v / c.sensitivity_v_per_unit) for c in rig.channels)
-    rounding = (2.0 if shaped else 1.0) * rig.converters.step_v / rig.dt_s
-    aside_m, faster_m_s = rig.gain_m_per_v * strays.aside_v, rig.gain_m_per_v * (rounding + strays.rate_v_s)
     limits, converters, gain = rig.limits, rig.converters, rig.gain_m_per_v
+    rounding = (2.0 if shaped else 1.0) * converters.step_v / rig.dt_s
+    aside_m, faster_m_s = gain * strays.aside_v, gain * (rounding + strays.rate_v_s)
+    place, speed = gain * command_v, gain * rate_v_s
+    to_brake = 2.0 * BRAKE_SHARE * limits.acceleration_m_s2
+    reached = [place, *(place + v * np.abs(v) / to_brake for v in (speed - faster_m_s, speed + faster_m_s))]
+    far_m, still_m = aside_m + max(_peak(each) for each in reached), aside_m + faster_m_s**2 / to_brake
+    force = masses_kg @ accel_m_s2
+    range_m_s2 = min(min(c.range, converters.range_v / c.sensitivity_v_per_unit) for c in rig.channels)
     stroke = min(limits.stroke_m, gain * converters.range_v)
     of_stroke = "limits.stroke_m" if limits.stroke_m <= stroke else "converters.range_v"
+    fastest, of_fastest = limits.fastest_m_s(gain), limits.of_fastest(gain)
+    by_zeros, by_rates = _causes(strays, rounding, still_m > 2.0 * aside_m)
     return (
-        Reach(
-            DISPLACEMENT, _peak(np.maximum(np.abs(place), np.abs(braked))) + aside_m, stroke, "m", aside_m, of_stroke
-        ),
-        Reach(
-            VELOCITY, _peak(speed) + faster_m_s, limits.fastest_m_s(gain), "m/s", faster_m_s, limits.of_fastest(gain)
-        ),
+        Reach(DISPLACEMENT, far_m, stroke, "m", still_m, of_stroke, by_zeros),
+        Reach("velocity", _peak(speed) + faster_m_s, fastest, "m/s", faster_m_s, of_fastest, by_rates),
         Reach("acceleration", loudest, limits.acceleration_m_s2, "m/s^2", key="limits.acceleration_m_s2"),
-        Reach("accelerometers' range", loudest, range_m_s2, "m/s^2", key="the narrowest channel"),
+        Reach("accelerometers' range", loudest, range_m_s2, "m/s^2", key="of sensor or converter"),
         Reach("actuator force", _peak(force), limits.force_n, "N", key="limits.force_n"),
         Reach(
-            "command", _peak(command_v) + strays.aside_v, converters.range_v, "V", strays.aside_v, "converters.range_v"
+            "command", _peak(command_v) + strays.aside_v, converters.range_v, "V", strays.aside_v, "converters.range_v",
+            _causes(strays, rounding)[0],
         ),
-    )
+    )  # fmt: skip
+
+
+def _causes(strays: Strays, rounding_v_s: float, braked: bool = False) -> tuple[str, str]:
+    """Return the causes, with advice, of what is added to displacement or command, and to the velocity. `braked`: most
+    of a displacement is the room to brake what noise and rounding do."""
+    bits = "use converters with more bits or a smaller range"
+    slower = ", a slower feedback, or controller FF" if strays.by_feedback and strays.rate_v_s > rounding_v_s else ""
+    fast = f"by noise and rounding of samples and command, from one sample to the next: {bits}{slower}"
+    forward = ", or controller FF" if strays.by_feedback else ""
+    return fast if braked else f"because a channel's zero is known to a part of a bit only: {bits}{forward}", fast
 
 
 def _from_rest(known: Known, values: ComplexArray) -> Array:

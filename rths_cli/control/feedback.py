@@ -37,7 +37,7 @@ Plant = tuple[Array, Array, Array, Array, Array, Array]
 @dataclass(frozen=True)
 class Weights:
     """What the regulator is designed for: the band of the error that it removes, what a command costs, and the corner
-    of its command's high pass.
+    of its command's high pass (0: none).
 
     The default frequencies belong to the usual test band.
     """
@@ -127,7 +127,7 @@ def lqg(model: Model, noise: float, dt_s: float, weights: Weights = DEFAULT) -> 
     disturbance that is white noise through w_h s / ((s + w_l)(s + w_h)), band `disturbance_hz`, minus white measurement
     noise of relative strength `noise`. The regulator minimises E[error^2 + r command^2], r small: the command costs
     `command_weight` times what it moves at the disturbance's upper corner. The observer is the predicting
-    steady-state Kalman filter; it is driven by the command that was applied, so that a limit does not wind it up.
+    steady-state Kalman filter; it is told what a limit took off the command, so that a limit does not wind it up.
     More noise means less bandwidth.
 
     The command passes a high pass: an offset of the table's sensor, of which the correction of an AC coupling makes a
@@ -152,13 +152,16 @@ def _regulator(plant: Plant, gain: Array, noise: float, dt_s: float, weights: We
     v = -K x, x+ = A x + B (v + s) + L (-e - C x - D (v + s)): e is the tracking error and s the shortfall, applied less
     wanted command, so that s enters by B - L D. The command is u = v - w, w+ = w + (1 - p) (u + s), which is the high
     pass (z - 1) / (z - p). It sums the command that was applied, so that a limit does not wind it up either. The state
-    is x, w.
+    is x, w; without a high pass it is x.
     """
     a, b, c, direct, drive, drive_direct = plant
     variance = drive_direct @ drive_direct.T + noise**2
     observer = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T).T
     shortfall, states = b - observer @ direct, len(a)
     closed = a - b @ gain - observer @ (c - direct @ gain)
+    if weights.high_pass_hz == 0.0:
+        through, nothing = np.hstack([-observer, shortfall]), np.zeros((1, 2))
+        return Block("feedback", closed, through, -gain, nothing, dt_s, INPUTS, OUTPUTS)
     share = -math.expm1(-2.0 * math.pi * weights.high_pass_hz * dt_s)
     whole = np.block([[closed, np.zeros((states, 1))], [-share * gain, np.array([[1.0 - share]])]])
     inputs = np.block([[-observer, shortfall], [np.array([[0.0, share]])]])

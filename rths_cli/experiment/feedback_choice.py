@@ -100,12 +100,13 @@ def _of_printed_model(setup: Setup, identified: Identification, error: InputErro
 
 
 def _stated_weights(setup: Setup) -> Weights:
-    """Return the weights that a case states, default ones where it states none."""
+    """Return the weights that a case states, default ones where it states none; method `paper` has no high pass."""
     stated = setup.case.controller
     usual = DEFAULT.for_test_band(setup.case.test_band_hz)
+    corner = 0.0 if setup.case.method == "paper" else usual.high_pass_hz
     weight = usual.command_weight if stated.command_weight is None else stated.command_weight
     low, high = stated.disturbance_hz or usual.disturbance_hz
-    return replace(usual, disturbance_hz=(low, high), command_weight=weight)
+    return replace(usual, disturbance_hz=(low, high), command_weight=weight, high_pass_hz=corner)
 
 
 def first_safe(

@@ -319,6 +319,8 @@ def _read_values(path: Path, lines: list[str], header: Header) -> Array:
         line = _line_of(lines, header, int(faulty[0]))
         raise InputError(f"{path}:{line}: sample {faulty[0] + 1} is not a finite number; mend or cut the record")
     _check_count(path, header, len(values))
+    if not values[:, -1].any():
+        raise InputError(f"{path}: every acceleration is zero; name a record that moves the ground")
     return values
 
 

@@ -27,6 +27,7 @@ from rths_cli.analysis.stability_check import (
     Preflight,
     Reach,
     Stability,
+    Strays,
     faults_of_loop,
     judge,
     reach,
@@ -341,10 +342,11 @@ def test_what_a_sinusoid_asks_of_the_table() -> None:
     place, speed = 0.0079 * command, 0.0079 * command * w
     # x + v |v| / (2 b) is largest at a phase found by looking at all
     angle = np.linspace(0.0, 2.0 * np.pi, 100001)
-    braked = place * np.sin(angle) + speed**2 * np.cos(angle) * np.abs(np.cos(angle)) / (2.0 * 0.45 * 45.0)
+    bit = 20.0 / 2**16
+    swift = speed * np.cos(angle) + 0.0079 * bit / DT_S
+    braked = place * np.sin(angle) + swift * np.abs(swift) / (2.0 * 0.45 * 45.0)
     assert rows["displacement (with room to brake)"].peak == pytest.approx(braked.max(), rel=2e-3)
     assert braked.max() > 1.01 * place
-    bit = 20.0 / 2**16
     assert rows["velocity"].peak == pytest.approx(speed + 0.0079 * bit / DT_S, rel=2e-3)
     assert rows["acceleration"].peak == pytest.approx(4.0, rel=2e-3)
     assert rows["accelerometers' range"].peak == pytest.approx(4.0, rel=2e-3)
@@ -397,7 +399,7 @@ def test_a_measured_response_that_may_go_round_the_point_otherwise_is_unsafe() -
 
 def test_what_does_not_grow_with_the_record_is_left_to_no_scaling() -> None:
     """Of 0.6, 0.2 is there at any scaling: 0.9 is reached at 1.75 times the scaling; 0.95 that is there, by none."""
-    row = Reach("displacement (with room to brake)", 0.6, 1.0, "m", fixed=0.2)
+    row = Reach("displacement", 0.6, 1.0, "m", fixed=0.2, because="by zeros: controller FF")
     assert row.largest(0.3) == pytest.approx(0.3 * 0.7 / 0.4)
     assert replace(row, peak=0.2).largest(0.3) == math.inf
     lost = replace(row, peak=1.2, fixed=0.95)
@@ -406,10 +408,36 @@ def test_what_does_not_grow_with_the_record_is_left_to_no_scaling() -> None:
     found = judge(CRITICAL, STABLE, (row, lost), 0.3, None)
     assert found.largest_scaling == 0.0 and found.verdict == UNSAFE
     (reason,) = found.reasons
-    assert "0.95 m of it because a channel's zero is known to a part of a bit only" in reason
+    assert "0.95 m of it by zeros" in reason
     assert "largest safe scaling" not in reason
     (reason,) = judge(CRITICAL, STABLE, (replace(row, peak=1.0),), 0.3, None).reasons
-    assert reason.endswith("or controller FF; the largest safe scaling is 0.262")
+    assert reason.endswith("0.2 m of it by zeros: controller FF; the largest safe scaling is 0.262")
+
+
+@pytest.mark.parametrize("feedback", [True, False])
+def test_noise_takes_room_to_brake_and_the_advice_suits_its_cause(feedback: bool) -> None:
+    """A table at rest, by hand: 60 V/s of noise, or the two bits of a shaped command, 0.62 m/s with 10 bits."""
+    lines, gain, to_brake = Lines(2000, 2000, DT_S), 0.0079, 2.0 * 0.45 * 10.0
+    nothing = SimpleNamespace(command_v=np.zeros(lines.count) + 0j, corrected=np.zeros((3, lines.count)) + 0j)
+    known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.zeros(0), shaped=True)
+
+    def of(bits: int, strays: Strays) -> tuple[Reach, Reach]:
+        info = replace(rig_info(), converters=replace(rig_info().converters, bits=bits))
+        info = replace(info, limits=replace(info.limits, acceleration_m_s2=10.0))
+        rows = reach(known, SimpleNamespace(nominal=nothing), info, np.ones(3), strays)
+        return rows[0], rows[1]
+
+    far, fast = of(0, Strays(0.2, 60.0, feedback))
+    assert fast.peak == fast.fixed == pytest.approx(gain * 60.0)
+    assert far.peak == far.fixed == pytest.approx(gain * 0.2 + (gain * 60.0) ** 2 / to_brake)
+    assert "from one sample to the next" in far.because and "from one sample to the next" in fast.because
+    assert ("controller FF" in fast.because) == feedback
+    far, fast = of(10, Strays(2.0, 0.0, feedback))
+    rounding = 2.0 * gain * 20.0 / 2**10 / DT_S
+    assert fast.peak == pytest.approx(rounding) and "controller FF" not in fast.because
+    assert far.peak == pytest.approx(gain * 2.0 + rounding**2 / to_brake)
+    far, _ = of(16, Strays(2.0, 0.0, feedback))
+    assert "known to a part of a bit" in far.because and ("controller FF" in far.because) == feedback
 
 
 def test_a_converter_narrower_than_stroke_or_sensor_is_the_limit() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -307,6 +308,16 @@ def test_an_offset_behind_an_ac_coupling_moves_the_table_aside_and_no_further() 
     assert command[-1] == pytest.approx(2.0 * 0.02 * gain, rel=5e-3)
     assert np.abs(command).max() <= 1.05 * abs(command[-1])
     assert abs(command[-1] - command[round(50.0 / DT_S)]) < 1e-3 * abs(command[-1])
+
+
+def test_without_a_high_pass_the_regulator_has_the_plants_states_and_no_other() -> None:
+    """The high pass alone is between the two: their ratio is (z - 1) / (z - p)."""
+    with_it, without = (lqg(MODEL, 1.0, DT_S, replace(DEFAULT, high_pass_hz=hz)) for hz in (0.1, 0.0))
+    assert len(without.A) == len(with_it.A) - 1
+    low = np.array([0.02, 0.1, 1.0, 20.0])
+    z = np.exp(2j * np.pi * low * DT_S)
+    ratio = with_it.response(low)[0, 0] / without.response(low)[0, 0]
+    assert np.abs(ratio - (z - 1.0) / (z - np.exp(-2.0 * np.pi * 0.1 * DT_S))).max() < 1e-6
 
 
 def test_a_table_with_a_direct_path_is_told_through_the_observer_too() -> None:

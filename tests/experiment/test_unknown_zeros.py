@@ -93,15 +93,15 @@ def test_the_reach_contains_what_is_added(default_identification: Identification
     known, prediction = judged.known, judged.preflight.prediction
     assert known is not None and prediction is not None
     masses, gain = np.ones(len(setup.rig.channels)), setup.rig.gain_m_per_v
-    still, moved = (
-        reach(known, prediction, setup.rig, masses, each) for each in (Strays(), Strays(aside_v=0.5, rate_v_s=2.0))
+    still, aside, fast = (
+        reach(known, prediction, setup.rig, masses, each) for each in (Strays(), Strays(0.5), Strays(0.0, 2.0))
     )
-    assert [after.peak - before.peak for before, after in zip(still, moved, strict=True)] == pytest.approx(
-        [0.5 * gain, 2.0 * gain, 0.0, 0.0, 0.0, 0.5], abs=1e-12
-    )
-    assert [after.fixed - before.fixed for before, after in zip(still, moved, strict=True)] == pytest.approx(
-        [0.5 * gain, 2.0 * gain, 0.0, 0.0, 0.0, 0.5], abs=1e-12
-    )
+    for moved, more in ((aside, [0.5 * gain, 0.0, 0.0, 0.0, 0.0, 0.5]), (fast, [None, 2.0 * gain, 0.0, 0.0, 0.0, 0.0])):
+        for before, after, added in zip(still, moved, more, strict=True):
+            if added is not None:  # the room to brake depends on where the table is
+                assert after.peak - before.peak == pytest.approx(added, abs=1e-12)
+                assert after.fixed - before.fixed == pytest.approx(added, abs=1e-12)
+    assert still[0].peak < fast[0].peak
 
 
 def with_offsets(case: dict[str, object], offsets_v: list[float], folder: Path, **table_keys: object) -> Setup:

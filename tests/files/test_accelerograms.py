@@ -192,6 +192,7 @@ HEAD = "# units: gal\n# dt: 0.02 s\n"
         ("time (ms),acc (g)\n0,1\n1,2\n2,3\n", None, None, ":1: the column 'time (ms)' is not a time in s"),
         ("time (s),acc (knots)\n0,1\n1,2\n2,3\n", None, None, ":1: 'knots' is not one of the units"),
         ("", "g", 0.01, ": holds no numbers"),
+        ("0.00, 0\n0.01, 0\n0.02, 0.0\n0.03, 0\n", "g", None, ": every acceleration is zero"),
         ("# units: g\n# dt: 0.01\n", None, None, ": holds no numbers"),
         (NEW_AT2.replace("5,", "6,"), None, None, ":4: the header states 6 samples, the file holds 5"),
         (NEW_AT2.replace("UNITS OF G", "UNITS OF CM/S"), None, None, ":3: 'CM/S' is not one of the units"),

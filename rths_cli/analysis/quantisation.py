@@ -62,7 +62,8 @@ def zero_error(step: float, at_rest: float) -> float:
 
     `step` of the converter, and `at_rest`, standard deviation of the samples at rest, in the same unit. A zero may be
     anywhere between two steps. Without noise its error is anything up to half a step; noise of a step makes it nothing.
-    Rounding by itself may show half a step of `at_rest` (between two steps), which is not counted as noise.
+    Rounding by itself may show half a step of `at_rest` (between two steps), which is not counted as noise. Each term
+    of the module's sum keeps exp(-2 (pi n noise / q)^2) of its amplitude in the mean.
     """
     if step <= 0.0:
         return 0.0

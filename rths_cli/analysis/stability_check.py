@@ -535,8 +535,8 @@ def reach(
 ) -> tuple[Reach, ...]:
     """Return the peaks of the undisturbed test, with the limits that the guard enforces.
 
-    `masses_kg` (c,): moving mass and floors. As in the guard, displacement and velocity are
-    the command times the nominal gain, and the displacement includes the room to brake.
+    `masses_kg` (c,): moving mass and floors. As in the guard, displacement and velocity are the command times the
+    nominal gain, and the displacement includes the room to brake.
     """
     lines, motion = known.lines, prediction.nominal
     s = 2j * np.pi * lines.frequency_hz

@@ -10,13 +10,24 @@ from pathlib import Path
 
 import matplotlib
 import pytest
-from docs_running import blocks_of, run_page, run_words, shortened
+from docs_running import (
+    BY_THE_HELP,
+    DOCS,
+    RUN_ELSEWHERE,
+    WITH_SNIPPETS,
+    at,
+    blocks_of,
+    pages,
+    run_page,
+    run_words,
+    shortened,
+    stories,
+)
 from test_docs import commands
 
 from rths_cli.report.figures import write
 
 ROOT = Path(__file__).parents[1]
-DOCS = ROOT / "docs"
 CASE = "el_centro_low_ff_fb"
 LEFT_OUT = {
     "reference/paper_tables.md": ["benchmarks/versions.py runs the eight cases and compares these tables"],
@@ -39,26 +50,9 @@ OTHERS_LEFT_OUT = {
     "howto/cluster.md": ("robustness", "needs a cluster; tests/studies/test_engines.py starts a scheduler and workers"),
     "reference/udp.md": ("cc", "is compiled and run by tests/rigs/test_udp_target_c.py"),
 }
-RUN_ELSEWHERE = ("reference/python.md", "howto/export.md", "reference/parts.md")  # tests/test_api.py, test_own_parts.py
 EVENLY_SPACED = re.compile(r"(=[-\d.]+:[-\d.]+):\d+$")  # values of a sweep: from, to, how many
-BY_THE_HELP = ("reference/commands.md",)  # its examples are those of the help: test_every_example_of_the_help_runs
-WITH_SNIPPETS = ("reference/figures.md", "reference/report_page.md", "howto/sweep.md")
-
-
-def at(page: Path) -> str:
-    """Return the place of a page below docs/."""
-    return page.relative_to(DOCS).as_posix()
-
-
-ALL = [page for page in sorted(DOCS.rglob("*.md")) if not page.is_symlink()]
-STORIES = [  # every block has its language: the page is run from its beginning to its end, as it is written
-    page
-    for page in ALL
-    if (blocks := list(blocks_of(page.read_text(encoding="utf-8"))))
-    and all(block.kind in ("sh", "yaml", "python", "text") or block.not_run for block in blocks)
-    and at(page) not in (*WITH_SNIPPETS, *RUN_ELSEWHERE, *BY_THE_HELP)
-]
-LISTS = [page for page in ALL if page not in STORIES and at(page) not in (*RUN_ELSEWHERE, *BY_THE_HELP)]
+STORIES = stories()
+LISTS = [page for page in pages() if page not in STORIES and at(page) not in (*RUN_ELSEWHERE, *BY_THE_HELP)]
 EXAMPLES_LEFT_OUT = {
     "doctor": "measures the machine in real time",
     "serve": "runs until it is stopped",

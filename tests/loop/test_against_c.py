@@ -1,4 +1,5 @@
-"""The compiled step against the same blocks written a second time, in C (tests/helpers/campaigns/step.c)."""
+"""The compiled step against the same blocks written a second time, in C (tests/helpers/campaigns/step.c): shipped cases
+as they are, then blocks of the bench at the guard's limits. benchmarks/step_mutants.py shows what it notices."""
 
 from __future__ import annotations
 
@@ -12,11 +13,15 @@ from campaigns import step_in_c, step_run
 from hybrid import best_like, ground, open_limits, paper_like
 
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.virtual.virtual_rig import build_plant
 
 STEPS = 2000
+SAME = 1e-12  # of a signal's peak: rounding, in another order, that a hundred thousand steps pass on
+SAME_MEMORY = 1e-9  # of the largest one: some are small differences of large numbers, as what rounding carries over
+SHIPPED = ("el_centro_low_ff", "el_centro_low_ff_fb", "hachinohe_low_ff", "hachinohe_low_ff_fb")
 FRICTION, FORCE_LIMIT = VirtualPhysics(), VirtualPhysics(force_limit_n=12.0)
 pytestmark = pytest.mark.skipif(step_in_c.compiler() is None, reason="no C compiler here")
 
@@ -48,13 +53,13 @@ def assert_same(ours: step_run.State, theirs: step_run.State, done: int) -> None
     for name in step_run.SIGNALS:
         one, two = (getattr(state.signals, name)[..., :done] for state in (ours, theirs))
         assert np.abs(one).max() > 0.0, name
-        np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-9 * np.abs(one).max(), err_msg=name)
-    for one, two in zip(memory(ours), memory(theirs), strict=True):
-        np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-9 * np.abs(one).max())
+        np.testing.assert_allclose(two, one, rtol=0.0, atol=SAME * np.abs(one).max(), err_msg=name)
+    for one, two in zip(remembered(ours), remembered(theirs), strict=True):
+        np.testing.assert_allclose(two, one, rtol=0.0, atol=SAME_MEMORY * np.abs(one).max())
     np.testing.assert_array_equal(ours.guard.flags, theirs.guard.flags)
 
 
-def memory(state: step_run.State) -> tuple[Array, ...]:
+def remembered(state: step_run.State) -> tuple[Array, ...]:
     s = state.step
     return (
         state.guard.energy,
@@ -64,6 +69,19 @@ def memory(state: step_run.State) -> tuple[Array, ...]:
         state.table.state,
         s.state,
     )
+
+
+@pytest.mark.parametrize("case", SHIPPED)
+def test_a_shipped_case_is_the_one_of_c(library: ctypes.CDLL, memory: Memory, case: str) -> None:
+    """The whole record with all defaults, among them the feedforward of the specimen's reaction and of friction."""
+    setup, blocks = step_run.prepared(memory, case)
+    inputs = step_run.inputs(setup, blocks)
+    ours, theirs, done = both(library, inputs)
+    forward = ours.step.feedforward
+    assert done == len(inputs.drive) and forward.command_v > 0.0
+    assert forward.inverse.block.given.size == forward.inverse.block.states + 3 + len(setup.rig.channels)
+    assert_same(ours, theirs, done)
+    assert np.array_equal(ours.signals.command_v, theirs.signals.command_v)
 
 
 @pytest.mark.parametrize(

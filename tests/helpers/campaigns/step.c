@@ -1,6 +1,6 @@
 /* One EXP-RTHS on the virtual table in C: what rths_cli/loop/simulated_time_run.py run_virtual does, block by block, on its arrays.
 
-   The structures mirror the NamedTuples of Python field by field (speed/in_c.py hands them over). Sizes are known at run
+   The structures mirror the NamedTuples of Python field by field (step_in_c.py hands them over). Sizes are known at run
    time only, as there. */
 
 #include <math.h>
@@ -21,6 +21,7 @@ typedef struct { Array matrix, given, made; int64_t states, floors; } OpenLoop; 
 typedef struct { Linear block; Array corrected, estimated; int64_t axes[AXES], floors; } KalmanFilter;
 typedef struct { Array turn, drive, outputs, through, direct, state, made, logged; int64_t axes[AXES]; } Modal;
 typedef struct { Linear block; Array logged; int64_t axes[AXES], actuators[ACTUATORS]; } LinearFeedforward;
+typedef struct { LinearFeedforward inverse; Array logged; double command_v, per_scale, linear_s_per_m, lead_s; } CompensatedFeedforward;
 typedef struct { Linear block; Array shortfall, logged; int64_t axes[AXES], actuators[ACTUATORS]; } LinearFeedback;
 typedef struct {
   int64_t source;
@@ -29,7 +30,7 @@ typedef struct {
   Channels correction;
   KalmanFilter observer;
   Modal numerical;
-  LinearFeedforward feedforward;
+  CompensatedFeedforward feedforward;
   LinearFeedback feedback;
   OpenLoop open_loop;
   Array force_recent, force_returned;
@@ -75,7 +76,7 @@ enum { STAMPED = 16 }; /* steps per look at the time */
 enum { RUNNING, BRAKING, RETURNING, STOPPED };
 enum { NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK, RATE, ENERGY };
 
-/* in the order of speed/in_c.py: a change of a NamedTuple must not go unseen */
+/* in the order of step_in_c.py: a change of a NamedTuple must not go unseen */
 const int64_t sizes[] = {sizeof(Plant), sizeof(PlantState), sizeof(Step), sizeof(GuardLimits), sizeof(GuardState), sizeof(Log)};
 
 INLINE double least(double a, double b) { return a < b ? a : b; }
@@ -164,11 +165,19 @@ INLINE double shape(const Step *s, int64_t a, double command) {
   return rounded;
 }
 
+/* what counters dry friction at the velocity to come */
+INLINE double against_friction(const CompensatedFeedforward *f, const double *motion) {
+  const double velocity = motion[AXES] + f->lead_s * motion[0];
+  return f->command_v * (tanh(velocity * f->per_scale) - f->linear_s_per_m * velocity);
+}
+
 INLINE void compensate(const Step *s) {
-  const Linear *f = &s->feedforward.block, *b = &s->feedback.block;
-  const int64_t motions = 3 * AXES, commands = ACTUATORS;
+  const Linear *f = &s->feedforward.inverse.block, *b = &s->feedback.block;
+  const int64_t motions = 3 * AXES, commands = ACTUATORS, told = f->given.shape[0] - f->states - motions;
   for (int64_t i = 0; i < motions; i++) f->given.at[f->states + i] = s->motion.at[i];
+  for (int64_t c = 0; c < told; c++) f->given.at[f->states + motions + c] = s->corrected.at[c]; /* the specimen's reaction */
   apply(f);
+  f->made.at[f->states] += against_friction(&s->feedforward, s->motion.at);
   for (int64_t i = 0; i < AXES; i++) b->given.at[b->states + i] = s->error.at[i];
   apply(b);
   for (int64_t a = 0; a < commands; a++) {
@@ -381,7 +390,7 @@ INLINE double convert(double value, double size, double per_unit, double bound) 
 INLINE double tanh_exactly(double value) { return 1.0 - 2.0 / (exp(2.0 * value) + 1.0); }
 
 INLINE double tanh_after(double begun, double ratio, double moved) {
-  if (fabs(moved) > 1.0) return tanh_exactly(ratio + moved);
+  if (fabs(moved) > 1.0 || fabs(ratio) > saturated) return tanh_exactly(ratio + moved);
   const double square = moved * moved;
   const double over = moved * (135135.0 + square * (17325.0 + square * (378.0 + square)));
   const double under = 135135.0 + square * (62370.0 + square * (3150.0 + square * 28.0));

@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from campaigns.step_run import Inputs, State
+from rths_cli.loop.friction_feedforward import CompensatedFeedforward
+from rths_cli.loop.linear_parts import LinearFeedforward
 
 SOURCE = Path(__file__).parent / "step.c"
 OPTIONS = ("-O3", "-march=native", "-fPIC", "-shared")
@@ -57,23 +59,38 @@ def in_c(value: Any) -> Any:
     return ctypes.c_int64(int(value)) if isinstance(value, int | np.integer) else ctypes.c_double(value)
 
 
+def _with_friction(state: State) -> NamedTuple:
+    """Return the step as step.c knows it: a linear feedforward is one that counters no friction."""
+    forward = state.step.feedforward
+    if isinstance(forward, LinearFeedforward):
+        forward = CompensatedFeedforward(forward, forward.logged, 0.0, 0.0, 0.0, 0.0)
+    return state.step._replace(feedforward=forward)
+
+
 def bound(library: ctypes.CDLL, given: Inputs, state: State) -> Callable[[], int]:
     """Return a function that plays the run in C on these arrays and returns the number of steps done.
 
     Raises ValueError when a structure of step.c has another size than its NamedTuple.
     """
-    tuples: tuple[NamedTuple, ...] = (given.plant, state.table, state.step, given.limits, state.guard, state.log)
+    tuples: tuple[NamedTuple, ...] = (
+        given.plant,
+        state.table,
+        _with_friction(state),
+        given.limits,
+        state.guard,
+        state.log,
+    )
     parts = [in_c(value) for value in tuples]
     sizes = list((ctypes.c_int64 * len(parts)).in_dll(library, "sizes"))
     for value, part, size in zip(tuples, parts, sizes, strict=True):
         if ctypes.sizeof(part) != size:
             raise ValueError(f"{type(value).__name__} has {ctypes.sizeof(part)} bytes, in step.c {size}: adapt step.c")
-    plant, table, step, limits, guard, log = map(ctypes.byref, parts)
+    pointers = tuple(map(ctypes.byref, parts))
     drive, noise = (ctypes.c_void_p(array.ctypes.data) for array in (given.drive, given.noise))
     steps = ctypes.c_int64(len(given.drive))
     library.run.restype = ctypes.c_int64
 
     def run(_kept: object = (given, state, parts)) -> int:  # the arrays live as long as the function
-        return int(library.run(plant, table, step, limits, guard, drive, noise, log, steps))
+        return int(library.run(*pointers[:-1], drive, noise, pointers[-1], steps))
 
     return run

@@ -3,44 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from campaigns import step_run
+from campaigns.step_network import GROUND, Part, assembled, network, numpy_commands, our_commands
 
-from rths_cli.control.designed_blocks import Blocks
 from rths_cli.experiment.setup import Setup
-from rths_cli.loop.linear_parts import Linear, linear
-from rths_cli.loop.step import note_sent, step
-from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
-from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
-from speed.linear import GROUND, Part, Stepping, assembled, following_samples, network
 from speed.rows import RATIO, Row, difference, lowest_s
 
 STEPS, FEW_STEPS = 20_000, 200
 HAS = "linear blocks and table: no noise, rounding, friction, limits, guard, log"
-
-
-@entry
-def run_linear(s: Step, table: Linear, drive: Array, commands: Array) -> None:
-    """Play the step on a linear table (a block from a command to the samples after it)."""
-    for k in range(drive.shape[0]):
-        step(s, drive[k])
-        note_sent(s)
-        commands[k] = s.command[0]
-        table.given[table.states] = commands[k]
-        table.apply()
-        for c in range(s.samples.size):
-            s.samples[c] = table.made[table.states + c]
+QUIET = 2000  # first samples, which are left out
 
 
 def rival_rows(setup: Setup, given: step_run.Inputs) -> list[Row]:
     """Time each program, ours on the same linear table, and compare all commands with plain numpy's."""
-    parts, dt = network(setup, given.blocks), setup.rig.dt_s
-    ground = np.ascontiguousarray(given.drive[2000 : 2000 + STEPS])
+    blocks, dt = given.blocks.linearised(), setup.rig.dt_s
+    parts = network(setup, blocks)
+    ground = np.ascontiguousarray(given.drive[QUIET : QUIET + STEPS])
     expected = numpy_commands(parts, ground)
-    ours = our_commands(parts, given.blocks, ground)
+    ours = our_commands(parts, blocks, ground)
     ours_s = lowest_s(ours, 20) / STEPS
     apart = difference(expected, ours())
     programs: dict[str, tuple[Callable[[], Array] | None, int]] = {
@@ -66,18 +49,6 @@ def _row(name: str, work: Callable[[], Array] | None, often: int, expected: Arra
     return Row(f"{name} / our step", per_step / ours_s, RATIO, None, behind)
 
 
-def our_commands(parts: Sequence[Part], blocks: Blocks, ground: Array) -> Callable[[], Array]:
-    """Return a function that plays our compiled step on the linear table, without rounding of commands."""
-    commands = np.zeros(len(ground))
-    plain = replace(blocks, shaping_step_v=0.0)
-
-    def run() -> Array:
-        run_linear(assemble(plain, NUMERICAL), linear(following_samples(parts[0])), ground, commands)
-        return commands
-
-    return run
-
-
 def dense_numpy_commands(parts: Sequence[Part], ground: Array) -> Callable[[], Array]:
     """Return a function that advances the assembled loop by one numpy product a step."""
     a, b, c, d = assembled(parts)
@@ -93,12 +64,6 @@ def dense_numpy_commands(parts: Sequence[Part], ground: Array) -> Callable[[], A
         return commands
 
     return run
-
-
-def numpy_commands(parts: Sequence[Part], ground: Array) -> Array:
-    """Return the commands (n,) in V for ground motion (n, 3)."""
-    stepping = Stepping(parts)
-    return np.array([stepping.step(row) for row in ground])
 
 
 def dlsim_commands(parts: Sequence[Part], ground: Array, dt_s: float) -> Callable[[], Array]:

@@ -1,17 +1,24 @@
-"""The linear blocks of a run and a linear virtual table as a network of state spaces, for programs of other kinds.
+"""The blocks of a run and a linear virtual table as a network of state spaces, for programs of other kinds, and our
+step on the same table.
 
-Noise, quantisation, friction, limits, guard and log are left out: what is left, every program here can express.
+The table's friction, noise, quantisation, limits, guard and log are left out: what is left, every program can express,
+but for what the feedforward adds against friction, which is no linear block.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.experiment.setup import Setup
+from rths_cli.loop.linear_parts import Linear, linear
+from rths_cli.loop.step import note_sent, step
+from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
+from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array, Block
 from rths_cli.rigs.virtual.plant import accelerations, continuous, with_sensors
 
@@ -20,7 +27,8 @@ GROUND = ("ground_accel", "ground_velocity", "ground_displacement")
 
 @dataclass(frozen=True)
 class Part:
-    """One discrete block x+ = A x + B u, y = C x + D u with the names of its signals."""
+    """One discrete block x+ = A x + B u, y = C x + D u with the names of its signals; `added(u)` is added to y where it
+    is no linear block."""
 
     name: str
     A: Array
@@ -29,6 +37,7 @@ class Part:
     D: Array
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    added: Callable[[Array], Array] | None = None
 
 
 def network(setup: Setup, blocks: Blocks) -> tuple[Part, ...]:
@@ -55,7 +64,7 @@ def network(setup: Setup, blocks: Blocks) -> tuple[Part, ...]:
         _sum("known_shear", np.concatenate(blocks.interface.force.of_one()[:3])[None],
              (*estimates, *recent, *corrected), ("known",)),
         _numerical(blocks, motion),
-        _of(blocks, 3, motion, ("forward",)),
+        _feedforward(blocks, motion, corrected),
         _sum("error", np.array([[1.0, -1.0]]), (inputs[0], corrected[0]), ("tracking_error",)),
         _feedback(blocks),
         _sum("both", np.ones((1, 2)), ("forward", "back"), ("command",)),
@@ -80,6 +89,16 @@ def _recent(lead: int, outputs: tuple[str, ...]) -> Part:
     """Return the memory of the last desired accelerations, the oldest first."""
     last = np.eye(lead)[:, -1:]
     return Part("recent", np.eye(lead, k=1), last, np.eye(lead), np.zeros((lead, 1)), ("desired",), outputs)
+
+
+def _feedforward(blocks: Blocks, motion: tuple[str, ...], corrected: tuple[str, ...]) -> Part:
+    """Return the feedforward of the desired motion, of the measured accelerations too where it counters the specimen's
+    reaction, and of what it adds against friction."""
+    design = blocks.feedforward
+    block = design.linearised()
+    inputs = (*motion, *corrected)[: block.B.shape[1]]
+    added = (lambda given: design.added_v(given[:3])) if isinstance(design, FrictionFeedforward) else None
+    return Part(block.name, block.A, block.B, block.C, block.D, inputs, ("forward",), added)
 
 
 def _feedback(blocks: Blocks) -> Part:
@@ -108,8 +127,9 @@ def _table(setup: Setup, blocks: Blocks, samples: tuple[str, ...]) -> Part:
 
     building, channel, late = setup.building, setup.rig.channels[0], blocks.latency_samples
     a, b_u, b_n, _, _ = continuous(setup.case.table.physics, building.specimen, building.interface_experimental_mass_kg)
-    rows, friction = accelerations(a, b_n, len(building.specimen.masses_kg))
-    full, drive, _ = with_sensors(a, b_u, b_n, rows, friction, channel.low_pass_hz, channel.high_pass_hz)
+    rows = accelerations(a, b_n, len(building.specimen.masses_kg))[0]
+    unused = np.zeros((len(rows), b_n.shape[1]))
+    full, drive, _ = with_sensors(a, b_u, b_n, rows, unused, channel.low_pass_hz, channel.high_pass_hz)
     n, count = len(full), len(samples)
     sensed = np.zeros((count, n))
     sensed[:, n - 2 * count :] = channel.sensitivity_v_per_unit * np.hstack([np.eye(count), -np.eye(count)])
@@ -131,6 +151,7 @@ class Stepping:
                 np.hstack([p.C, p.D]),
                 [place[name] for name in p.inputs],
                 slice(place[p.outputs[0]], place[p.outputs[-1]] + 1),
+                p.added,
             )
             for i, p in enumerate(parts)
         ]
@@ -144,15 +165,18 @@ class Stepping:
         """Return the command for one row (3,) of ground motion."""
         signals, states = self.signals, self.states
         signals[:3] = ground
-        for i, matrix, inputs, outputs in self.outputs:
+        for i, matrix, inputs, outputs, added in self.outputs:
             signals[outputs] = matrix @ np.concatenate((states[i], signals[inputs]))
+            if added is not None:
+                signals[outputs] += added(signals[inputs])
         for i, matrix, inputs in self.following:
             states[i] = matrix @ np.concatenate((states[i], signals[inputs]))
         return float(signals[-1])
 
 
 def assembled(parts: Sequence[Part]) -> tuple[Array, Array, Array, Array]:
-    """Return the whole closed loop as A, B, C, D from ground motion to command: what one step makes of unit vectors."""
+    """Return the whole closed loop of linear parts as A, B, C, D from ground motion to command: what one step makes of
+    unit vectors."""
     sizes = [len(part.A) for part in parts]
     n = sum(sizes)
     columns = []
@@ -168,3 +192,35 @@ def assembled(parts: Sequence[Part]) -> tuple[Array, Array, Array, Array]:
 def following_samples(table: Part) -> Block:
     """Return the table as a block from a command to the samples one step later."""
     return Block("table", table.A, table.B, table.C @ table.A, table.C @ table.B, 0.0)
+
+
+@entry
+def run_linear(s: Step, table: Linear, drive: Array, commands: Array) -> None:
+    """Play the step on a linear table (a block from a command to the samples after it)."""
+    for k in range(drive.shape[0]):
+        step(s, drive[k])
+        note_sent(s)
+        commands[k] = s.command[0]
+        table.given[table.states] = commands[k]
+        table.apply()
+        for c in range(s.samples.size):
+            s.samples[c] = table.made[table.states + c]
+
+
+def our_commands(parts: Sequence[Part], blocks: Blocks, ground: Array) -> Callable[[], Array]:
+    """Return a function that plays our compiled step on the linear table, without rounding of commands; it returns the
+    commands (n,) in V for ground motion (n, 3)."""
+    commands = np.zeros(len(ground))
+    plain = replace(blocks, shaping_step_v=0.0)
+
+    def run() -> Array:
+        run_linear(assemble(plain, NUMERICAL), linear(following_samples(parts[0])), ground, commands)
+        return commands
+
+    return run
+
+
+def numpy_commands(parts: Sequence[Part], ground: Array) -> Array:
+    """Return the commands (n,) in V for ground motion (n, 3) by plain numpy."""
+    stepping = Stepping(parts)
+    return np.array([stepping.step(row) for row in ground])

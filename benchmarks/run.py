@@ -1,6 +1,8 @@
 """Print how long the step, its rivals, SIM and whole commands take on this machine: make bench.
 
-python benchmarks/run.py [step] [rivals] [sim] [commands] [growth] [sweep] [channels] [laws]
+python benchmarks/run.py [--short] [step] [rivals] [sim] [commands] [growth] [sweep] [channels] [laws]
+
+--short: everything as small as it can be, to see that it runs; the figures mean nothing.
 """
 
 from __future__ import annotations
@@ -16,13 +18,17 @@ TREE = Path(__file__).parents[1]
 sys.path[:0] = [str(TREE), str(TREE / "tests" / "helpers")]  # the sources this file belongs to
 
 from speed.machine import machine  # noqa: E402
-from speed.parts import PARTS, rows_of  # noqa: E402
+from speed.parts import PARTS, rows_of, shorten  # noqa: E402
 from speed.rows import Row, text  # noqa: E402
 
 
 def main() -> None:
     """Print the parts named, or all."""
-    asked = sys.argv[1:] or list(PARTS)
+    words = sys.argv[1:]
+    if "--short" in words:
+        words.remove("--short")
+        shorten()
+    asked = words or list(PARTS)
     if unknown := [name for name in asked if name not in PARTS]:
         sys.exit(f"no part is called {', '.join(unknown)}: choose from {', '.join(PARTS)}")
     rows: list[Row] = []

@@ -25,16 +25,6 @@ SHARE, SHARE_UNSEEN, SHARE_ABOVE = 0.01, 0.06, 0.10  # accepted change in the ba
 FREQUENCY_SHARE, DAMPING_SHARE = 0.05, 0.05
 
 
-def verify(setup: Setup, known: Identification, progress: Progress) -> tuple[tuple[str, ...], str]:
-    """Play the low-level record and compare it with the model.
-
-    Returns the reasons why the model must not be used, and a sentence on the comparison. Because of friction the
-    response at low level differs from that at full level. If the identification had a record at low level, the two
-    records at low level are compared, and the new one is played at the level of the first.
-    """
-    return compared(setup, known, low_level_record(setup, known, progress))
-
-
 def low_level_record(setup: Setup, known: Identification, progress: Progress) -> Record:
     """Play the model's record at low level again, before the table runs of a case, and return it."""
     setup = setup.calibrated(known)
@@ -49,7 +39,12 @@ def read_with(setup: Setup, known: Identification, there: Identification, record
 
 
 def compared(setup: Setup, known: Identification, record: Record) -> tuple[tuple[str, ...], str]:
-    """Compare a low-level record, corrected for the model's sensors, with the model; returns as `verify`."""
+    """Compare a low-level record, corrected for the model's sensors, with the model.
+
+    Returns the reasons why the model must not be used, and a sentence on the comparison. Because of friction the
+    response at low level differs from that at full level. If the identification had a record at low level, the two
+    records at low level are compared, and the new one is played at the level of the first.
+    """
     setup = setup.calibrated(known)
     faults = channel_signals.signal_faults(record, setup.rig)
     if faults:

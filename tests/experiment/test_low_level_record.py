@@ -8,7 +8,7 @@ import pytest
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.identify_on_rig import Measured, evaluated, measure, probed
 from rths_cli.experiment.model_datasets import from_groups, to_groups
-from rths_cli.experiment.model_verification import verify
+from rths_cli.experiment.model_verification import compared, low_level_record
 from rths_cli.experiment.rig_access import VERIFICATION
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.inputs import level_ratio
@@ -92,7 +92,7 @@ def test_a_verification_is_played_at_the_level_with_which_it_is_compared(
     noise = measured.quiet.parts.noise
     assert again.command_v[noise].std() == pytest.approx(measured.quiet.command_v[noise].std(), rel=0.01)
     said = list[str]()
-    reasons, sentence = verify(setup, found, said.append)
+    reasons, sentence = compared(setup, found, low_level_record(setup, found, said.append))
     assert reasons == ()
     assert sentence.startswith("verified by a low-level record")
     assert f"at {found.low_level_m_s2:.2g} m/s^2 rms" in said[0]

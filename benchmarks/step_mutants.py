@@ -47,7 +47,7 @@ IN_C = {  # what is dropped: text of step.c, what stands there instead
     "second state of the storeys' modes": (" + turn[m + i] * two", ""),
     "interface force in the storeys": (" + into[3 * m + i] * force[0]", ""),
     "measured motion of the expected floors": ("i ? s->corrected.at[0] : s->recent.at[0]", "s->recent.at[0]"),
-    "slip that is forgotten": (" - 2.0 * M_PI * forget_hz * *slip", ""),
+    "measured motion in the tracking error": ("other[i] - s->corrected.at[s->measured_by[i]]", "other[i]"),
     "AC coupling of the sensors": ("s->low.at[c] - s->coupled.at[c] + ", "s->low.at[c] + "),
     "noise of the sensors": (" + p->noise_rms_m_s2 * noise[c]", ""),
     "friction when the table's sign is saturated": (" || fabs(ratio) > saturated) return", ") return"),
@@ -71,7 +71,7 @@ COMPILED = {  # what is dropped: file below rths_cli/loop, its text, what stands
     "interface force in the storeys": ("modal_substructure.py", " + self.drive[1, 1, i] * force[0]", ""),
     "desired motion that goes on": ("step.py", "recent[k, i] = recent[k + 1, i] + 0.0", "recent[k, i] += 0.0"),
     "measured motion of the expected floors": ("step.py", "s.corrected[0], s", "s.recent[0, 0], s"),
-    "slip that is forgotten": ("guard.py", " - 2.0 * math.pi * FORGET_HZ * g.slip[0, i]", ""),
+    "measured motion in the tracking error": ("step.py", "[0, i] - s.corrected[s.measured_by[i]]", "[0, i]"),
     "commands that were sent": ("step.py", "s.sent[i, a] = s.sent[i - 1, a] + 0.0", "s.sent[i, a] += 0.0"),
 }  # fmt: skip
 
@@ -134,6 +134,10 @@ def main() -> int:
     parser.add_argument("--count", type=int, help="of the first terms of each")
     parser.add_argument("--case", nargs="+", default=SHIPPED)
     asked = parser.parse_args()
+    for file, *term in COMPILED.values():
+        dropped((TREE / "rths_cli" / "loop" / file).read_text(encoding="utf-8"), *term, file)
+    for term in IN_C.values():
+        dropped(step_in_c.SOURCE.read_text(encoding="utf-8"), *term, "step.c")
     memory = Memory(Cache())
     with tempfile.TemporaryDirectory(prefix="rths-mutants-") as name:
         given = Path(name) / "inputs"

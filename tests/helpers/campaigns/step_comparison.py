@@ -41,5 +41,6 @@ def _close(one: Array, two: Array, share: float) -> bool:
 
 
 def _remembered(state: step_run.State) -> dict[str, Array]:
-    of_guard = {name: getattr(state.guard, name) for name in ("energy", "seen", "moved")}
+    names = ("motion", "codes", "expected_at", "moved", "same", "slip", "energy", "seen")
+    of_guard = {f"{name} of the guard": getattr(state.guard, name) for name in names}
     return {**of_guard, "expected": state.step.expected, "table": state.table.state, "step": state.step.state}

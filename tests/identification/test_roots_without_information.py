@@ -22,7 +22,7 @@ TWO_PI = 2.0 * np.pi
 
 
 def response(corners_hz: tuple[float, ...], pair: tuple[float, float] | None, frequency_hz: np.ndarray) -> np.ndarray:
-    """Return the response of a table with real poles, and a pair (Hz, damping ratio) if any, without numerics of ours."""
+    """Return the response of a table with real poles, and a pair (Hz, damping ratio) if any."""
     s = 2j * np.pi * frequency_hz
     value = 0.0079 * s**2 * np.exp(-1.5 * DT * s) * np.sinc(frequency_hz * DT)
     for corner in corners_hz:

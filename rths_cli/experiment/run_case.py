@@ -134,7 +134,8 @@ def run_case(
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
     if stage is not None:
         stage.written()
-    return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
+    replaced = replaced and writer.path == path
+    return Ended(case.name, writer.path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
 
 
 def _also(stop: Stop, late: Stop | None) -> Stop:

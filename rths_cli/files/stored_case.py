@@ -40,7 +40,7 @@ def floor_masses_kg(result: Result) -> Array:
         parts = [structure[part]["masses_kg"] for part in ("numerical", "experimental")]  # type: ignore[index]
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{result.path}: has lost the masses of its case; run it again.") from error
+        raise InputError(f"{result.path}: has lost the masses of its case; {result.made_anew}") from error
 
 
 def storey_heights_m(result: Result) -> Array | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -12,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import make_folder, part_of
+from rths_cli.files.durable_files import make_folder, part_of, publish
 from rths_cli.files.hdf5 import Dataset, write_group
-from rths_cli.files.hdf5_heaps import check_heaps
+from rths_cli.files.hdf5_opening import RESTORE, Wanted, opened
 from rths_cli.files.hdf5_safety import LayoutError, check_storage, held, part, size_of, values_of
 from rths_cli.files.measured_data.named_variables import Variable, contents_of
 from rths_cli.files.measured_data.recording import Column, Contents, Recording
@@ -29,12 +28,14 @@ FORMAT = "rths-recording"
 FORMAT_VERSION = 1
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit", "UNITS", "unit_string")
 _DEEPEST = 8
+RECORDING = Wanted("file of measured time histories", "is not an HDF5 file; give measured time histories", RESTORE)
 
 
-def write_recording(path: Path, recording: Recording) -> None:
+def write_recording(path: Path, recording: Recording) -> Path:
     """Write a recording to HDF5 so that `read_recording` returns names, units, interval, samples, notes bit for bit.
 
-    The file appears under its name only when it is whole. Raises InputError where the disk refuses.
+    The file appears under its name only when it is whole. It replaces nothing: where there is a file of that name, it
+    gets the next free one. Returns the name; raises InputError where the disk refuses.
     """
     path = Path(path)
     part = part_of(path)
@@ -42,7 +43,7 @@ def write_recording(path: Path, recording: Recording) -> None:
         make_folder(path.parent)
         with new_hdf5(part) as file:
             _fill(file, recording)
-        os.replace(part, path)
+        return publish(part, path, None)
     except (OSError, RuntimeError) as error:
         sentence = refusal(path, "cannot write the recording", error, advice=False)
         raise InputError(f"{sentence.rstrip('.')}; free space or choose another name") from error
@@ -70,10 +71,7 @@ def _fill(file: h5py.File, recording: Recording) -> None:
 
 def hdf5_contents(path: Path) -> Contents:
     """Return what an HDF5 file holds; raise InputError for the project's other files and files without series."""
-    import h5py
-
-    check_heaps(path)
-    with h5py.File(path, "r") as file:
+    with opened(path, RECORDING) as file:
         kind = _text(_held(file, "format", ""))
         if kind == FORMAT:
             return _own(path, file)

@@ -1,7 +1,8 @@
 """A record with an offset, a drift, a step or a wrong first sample: the cause, what it does, the key that mends it.
 
 Oracles: records made of known parts; the analogue high pass from rest turns a constant c into c / w^2 (1 + e^-pi) of
-displacement, a slope s into s (T - sqrt(2) / w) / w^2 at the end. Refusals are those of `make_setup`, which every command calls.
+displacement, a slope s into s (T - sqrt(2) / w) / w^2 at the end.
+Refusals are those of `make_setup`, which every command calls.
 """
 
 from __future__ import annotations

@@ -74,6 +74,11 @@ class RecordSpec(Strict):
     dt_s: Annotated[float, Range(gt=0, le=10)] | None = Field(
         default=None, description="interval of the samples, where the file does not state it"
     )
+    baseline: Literal["mean", "linear", "none"] | None = Field(
+        default=None,
+        description="what is removed from the record before it is scaled: its mean, or its least-squares line; none: "
+        "nothing, and a motion that begins with a step is run as it is; default: nothing, and such a motion is refused",
+    )
 
     @property
     def name(self) -> str:

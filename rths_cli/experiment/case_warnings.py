@@ -9,6 +9,7 @@ import numpy as np
 
 from rths_cli.case.keys_without_effect import sentence
 from rths_cli.experiment.design import is_driven
+from rths_cli.experiment.setup import placed
 from rths_cli.experiment.tangent_verdicts import ASSUMPTIONS, range_assumption
 from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.identification.results import LEAST_HELD_OUT
@@ -32,10 +33,11 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
 
     `identified` None: no table run, hence no identification; `design` None: no blocks.
     """
-    unread, doubts = sentence(setup.case), unit_doubts(setup)
+    unread, doubts, baseline = sentence(setup.case), unit_doubts(setup), baseline_note(setup)
     if doubts:  # what a wrong unit makes of bands and model tells nobody what to change
-        return tuple(dict.fromkeys((*doubts, *([unread] if unread else []), *setup.building.notes)))
+        return tuple(dict.fromkeys((*doubts, *baseline, *([unread] if unread else []), *setup.building.notes)))
     found = [*identified.reasons, *differences(setup, identified)] if identified is not None else []
+    found = [*baseline, *found]
     found += [
         *([unread] if unread else []),
         *setup.building.notes,
@@ -55,6 +57,12 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
     if identified is not None:
         found += identified.warnings
     return tuple(dict.fromkeys(found))
+
+
+def baseline_note(setup: Setup) -> tuple[str, ...]:
+    """Return the sentence on the baseline of the record, with file and line, () for a clean record and for one whose
+    baseline the case keeps in so many words."""
+    return () if not setup.baseline or setup.case.record.baseline == "none" else (placed(setup.case, setup.baseline),)
 
 
 def modes_above_the_bands(setup: Setup) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis.closed_loop_matrix import open_loop
-from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
+from rths_cli.analysis.stability_check import DISPLACEMENT, SAFE, UNSAFE, UNSTABLE
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment import result_contents
 from rths_cli.experiment.case_warnings import of_case
@@ -19,7 +19,7 @@ from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
-from rths_cli.experiment.setup import make_setups, refuse_unstable_steps, shown
+from rths_cli.experiment.setup import make_setups, placed, refuse_unstable_steps, shown
 from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.analysis.predicted_error import Known as LoopKnown
+    from rths_cli.analysis.stability_check import Preflight
     from rths_cli.analysis.true_error import TrueError
     from rths_cli.case.case_schema import Case
     from rths_cli.control.part_designs import OwnParts
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
     from rths_cli.experiment.simulated_test import Replayed
     from rths_cli.numerics.lti import Block
     from rths_cli.quantities import Values
+
+MOVED_BY_BASELINE = (DISPLACEMENT, "velocity", "command")  # reaches that an offset or a drift of the record makes
 
 
 @dataclass(frozen=True)
@@ -140,12 +143,28 @@ def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, sha
         return Verdict(UNSAFE, faults or error.faults, designed.without_reaction(), {})
     found = judged.preflight
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
+    by_motion = _without_innocent_limits(setup, found)
     tangents = tuple(one.name for one in judged.tangents)
     said, advice = _on_true_error(setup, judged)
-    reasons, figures = (*faults, *found.reasons), check_figures(judged)
+    reasons, figures = (*faults, *by_motion), check_figures(judged)
     return Verdict(
         verdict, reasons, design, figures, judged.known, judged.replay, tangents, said, advice, judged.true_error
     )  # fmt: skip
+
+
+def _without_innocent_limits(setup: Setup, found: Preflight) -> tuple[str, ...]:
+    """Return the reasons of a check; limits that the record's baseline exceeds are told as what it does, and not as too
+    small a table."""
+    exceeded = [fault for fault in found.faults if fault.cause in MOVED_BY_BASELINE]
+    if not setup.baseline or not exceeded:
+        return found.reasons
+    names = " and ".join(dict.fromkeys(fault.cause for fault in exceeded))
+    told = f"with this baseline the record exceeds the limit of {names}; check again without it"
+    return (
+        placed(setup.case, setup.baseline),
+        told,
+        *(fault.text for fault in found.faults if fault.cause not in MOVED_BY_BASELINE),
+    )
 
 
 def _on_true_error(setup: Setup, judged: Judged) -> tuple[str, str]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from rths_cli.errors import InputError, RthsError, crash_note
 from rths_cli.experiment.allocator_settings import keep_freed_memory
+from rths_cli.experiment.case_warnings import baseline_note
 from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
@@ -146,7 +147,7 @@ def _run_jobs(
     """Run the cases, whose result files are claimed."""
     shared.size = most_kept(jobs)
     real = [setup for setup, _ in jobs if setup.rig.can.moves_hardware]
-    for doubt in dict.fromkeys(doubt for setup in real for doubt in unit_doubts(setup)):
+    for doubt in dict.fromkeys(doubt for setup in real for doubt in (*unit_doubts(setup), *baseline_note(setup))):
         watcher.warning(doubt)  # before anybody permits a motion; of a virtual rig the answer tells
 
     def predicted(setup: Setup) -> Values:

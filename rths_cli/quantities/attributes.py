@@ -74,6 +74,12 @@ OF_FILE = (
     ),
     AttributeDeclaration("record_name", "text", "name of the record's file"),
     AttributeDeclaration("record_sha256", "text", "SHA-256 of the record's file"),
+    AttributeDeclaration(
+        "record_baseline",
+        "text",
+        "what was removed from the record: mean, linear or none",
+        present="only where the case states record.baseline",
+    ),
     AttributeDeclaration("rig", "text", "name of the rig"),
     AttributeDeclaration("rig_kind", "text", "virtual, udp, ni, or the kind of a package"),
     AttributeDeclaration(

@@ -15,6 +15,7 @@ from rths_cli.files.durable_files import make_folder, part_of, publish
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_opening import RESTORE, Wanted, opened
 from rths_cli.files.hdf5_safety import LayoutError, check_storage, held, part, size_of, values_of
+from rths_cli.files.measured_data.channel_starts import numbers_of, states_start
 from rths_cli.files.measured_data.named_variables import Variable, contents_of
 from rths_cli.files.measured_data.recording import Column, Contents, Recording
 from rths_cli.files.measured_data.sample_interval import stated_interval
@@ -132,7 +133,7 @@ def _variable(path: Path, file: h5py.File, node: h5py.Dataset) -> Variable:
     if h5py.check_string_dtype(node.dtype) is not None:
         return Variable([str(text) for text in np.atleast_1d(node.asstr()[()]).reshape(-1)])
     numeric = node.dtype.kind in "iuf" and kind != "logical"
-    return Variable(np.asarray(node[()]) if numeric else None, unit, _rates(node))
+    return Variable(np.asarray(node[()]) if numeric else None, unit, _rates(node), _starts(node))
 
 
 def _cell_texts(file: h5py.File, node: h5py.Dataset) -> list[str] | None:
@@ -159,6 +160,17 @@ def _rates(node: h5py.HLObject) -> dict[str, float]:
     stating = [name for name in node.attrs if stated_interval(name, 1.0) is not None]
     numbers = {name: np.asarray(_held(node, name, np.nan)).reshape(-1) for name in stating}
     return {key: float(v[0]) for key, v in numbers.items() if v.size == 1 and v.dtype.kind in "iuf"}
+
+
+def _starts(node: h5py.HLObject) -> tuple[float, ...]:
+    """Return the starts in s that attributes state, one or one per channel, () where none does."""
+    stated = [numbers_of(_plain(_held(node, name, None))) for name in node.attrs if states_start(name)]
+    return next((starts for starts in stated if starts), ())
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute's single text as text."""
+    return _text(value) if isinstance(value, bytes | str) or np.asarray(value).dtype.kind in "SUO" else value
 
 
 def _held(node: h5py.HLObject, name: str, otherwise: Any) -> Any:

@@ -25,6 +25,7 @@ _TIME_SUFFIX = re.compile(r"[_\s]+(s|sec|ms|us)$", re.IGNORECASE)
 _TIME_NAMES = {"time", "t", "timestamp", "elapsedtime", "relativetime", "xvalue"}
 _FILLERS = {"accel", "acceleration", "accelerometer", "acc", "abs", "absolute", "measured", "signal"}
 _ALIASES = {"cmd": "command", "drive": "command", "u": "command", "base": "table", "shaketable": "table"}
+_PLACES = {*_ALIASES, *_ALIASES.values(), "floor", "storey", "story"}
 
 
 def canonical_unit(text: str) -> str:
@@ -67,8 +68,10 @@ def time_factor(name: str, stated: str) -> float | None:
 
 
 def is_time(name: str) -> bool:
-    """Say whether a column's name is that of the time."""
-    return "".join(_words(_TIME_SUFFIX.sub("", _BRACKETS.sub("", name)))) in _TIME_NAMES
+    """Say whether a column's name is that of the time, of all channels or of one (`table time (s)`, `time_command`)."""
+    words = _words(_TIME_SUFFIX.sub("", _BRACKETS.sub("", name)))
+    of_one = len(words) > 1 and (words[-1] == "time" or (words[0] == "time" and words[1] in _PLACES))
+    return "".join(words) in _TIME_NAMES or of_one
 
 
 def is_unit(text: str) -> bool:

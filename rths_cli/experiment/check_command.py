@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,8 @@ from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
+from rths_cli.experiment.one_table_run import TABLE_RUNS, drive_of
+from rths_cli.experiment.planned_motion import guard_figures, guard_sentences, planned_motion
 from rths_cli.experiment.setup import make_setups, placed, refuse_unstable_steps, shown
 from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
 from rths_cli.interrupts import interruptible
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
     from rths_cli.experiment.check import Judged
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_choice import Known
+    from rths_cli.experiment.one_table_run import RunKind
+    from rths_cli.experiment.planned_motion import PlannedMotion
     from rths_cli.experiment.setup import OwnSamples, Progress, Setup
     from rths_cli.experiment.simulated_test import Replayed
     from rths_cli.numerics.lti import Block
@@ -58,6 +62,9 @@ class Verdict:
     said: str = ""  # a sentence on the true error; "" where nothing is uncertain
     advice: str = ""  # a sentence on the measurement that would lower its bound; "" without one
     true_error: TrueError | None = None  # its distribution; None: sensors and masses are exactly as declared
+    # what each run on the table needs, by its name; no entry where nothing is known of it
+    planned: Mapping[str, PlannedMotion] = field(default_factory=dict)
+    of_guard: tuple[str, ...] = ()  # sentences on the guard's limits in these runs
 
     @property
     def remarks(self) -> dict[str, str]:
@@ -106,6 +113,7 @@ class Checked:
     warnings: tuple[str, ...] = ()  # further sentences, which do not change the verdict
     metrics: Values = field(default_factory=dict)  # by path
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
+    of_guard: tuple[str, ...] = ()  # sentences on the guard's limits
 
     @property
     def exit_code(self) -> int:
@@ -123,8 +131,34 @@ def verdict_on(
     cases compute common results once. If the model is rejected and, for that reason, no controller can be designed or
     the building cannot be solved, only the reasons of the rejection are returned. Doubts on units precede the reasons.
     """
-    found = _judged(setup, known, hybrid, design, shared)
+    found = _with_plans(setup, known, _judged(setup, known, hybrid, design, shared))
     return replace(found, reasons=(*unit_doubts(setup), *found.reasons)) if found.reasons else found
+
+
+def _with_plans(setup: Setup, known: Known, found: Verdict) -> Verdict:
+    """Return a verdict with what each run of the case needs of the table, and with the limits of its guard."""
+    if found.design is None:
+        return found
+    planned: dict[str, PlannedMotion] = {}
+    said: list[str] = []
+    figures = dict(found.figures)
+    for kind in TABLE_RUNS:
+        if kind.name not in setup.case.runs:
+            continue
+        one = _plan(setup, known, found.design, kind)
+        if one is not None:
+            planned[kind.name] = one
+        figures |= guard_figures(setup, kind.name, one)
+        said += guard_sentences(setup, kind.label, one)
+    return replace(found, planned=planned, figures=figures, of_guard=tuple(said))
+
+
+def _plan(setup: Setup, known: Known, design: Design, kind: RunKind) -> PlannedMotion | None:
+    try:
+        drive = drive_of(setup, design)
+        return interruptible(lambda: planned_motion(setup, known.found, design, drive, kind.source))
+    except InputError:  # no model of the rig, or a building that has no SIM: the verdict says so
+        return None
 
 
 def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, shared: SharedValues | None) -> Verdict:
@@ -253,7 +287,9 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     told = () if "model" in setup.overrides else known.found.reasons
     notes = tuple(note for note in of_case(setup, known.found, found.design) if note not in told)
     notes = (*filter(None, (found.said, found.advice)), *notes)
-    return Checked(_about(setup, known.source), found.verdict, found.reasons, notes, figures, found.tangents)
+    return Checked(
+        _about(setup, known.source), found.verdict, found.reasons, notes, figures, found.tangents, found.of_guard
+    )
 
 
 def _about(setup: Setup, model: str) -> Tested:

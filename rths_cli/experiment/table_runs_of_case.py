@@ -112,7 +112,7 @@ def play_all(
             continue
         progress(f"{kind.label}, {setup.case.table.kind} table")
         writer.about({f"{kind.name}_status": BEGUN})
-        plan = plan_run(setup, design, kind, known.found)
+        plan = plan_run(setup, design, kind, known.found, checked.planned.get(kind.name))
         outcome = stage.play(plan, writer)
         run = run_of(outcome, setup, kind, design.blocks.lead_samples, plan.expected)
         if kind is HYBRID_TEST and run.stopped is not None and checked.refused:

@@ -14,6 +14,7 @@ of every floor, once from the measured motion of the table and once from the des
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,8 +40,16 @@ OFF, BETTER = 0.25, 0.4  # significant difference over the signal; over the othe
 BITS = 10.0  # a significant difference also exceeds this many bits of the channel
 FAST = 0.5  # a command faster than this fraction of the velocity limit may be too fast for the table
 KEPT = 3.0 / g.STUCK_BITS  # fraction of the guard's threshold (10 bits): the channel missed three bits of motion
+HALF_CYCLES, GROWTH, UNEVEN = 8, 1.5, 0.25  # of a growing oscillation: last ones, last over first, spread of lengths
 TOGETHER = 0.9  # channels that kept their code for this fraction of the longest such time stopped together
-OF_COMMAND = (g.STROKE, g.VELOCITY, g.COMMAND, g.RATE)  # reasons that depend on the command alone
+OF_COMMAND = (
+    g.STROKE,
+    g.VELOCITY,
+    g.COMMAND,
+    g.RATE,
+    g.PLANNED_REACH,
+    g.DEVIATION,
+)  # reasons that depend on the command alone
 OF_TABLE = (g.TRACKING, g.ENERGY)  # reasons that depend on the table's sensor alone
 OF_FURTHER = (g.MEASURED_STROKE, g.DISAGREES)  # reasons that a displacement sensor or load cell gives
 DIAGNOSED = (*OF_COMMAND, g.ACCELERATION, g.FORCE, g.TRACKING, g.ENERGY, g.STUCK, g.SATURATED, *OF_FURTHER)
@@ -56,6 +65,9 @@ STALLS = (  # values of the log's `lost`
 CHECK_SENSOR = "check its cable, power, sign and sensitivity"
 CHECK_SENSORS = "check their cables, order, power, signs and sensitivities"
 CHECK_TABLE = "check amplifier, command cable and end stops; lower scaling, or identify the rig anew"
+CHECK_LOOP = (
+    "rths check tells the loop's margins; lower feedback_bandwidth_hz, use controller FF, or identify up to there"
+)
 CHECK_EITHER = f"check the sensor; {CHECK_TABLE}"
 
 
@@ -79,10 +91,22 @@ class Seen:
     parted: bool  # whether they began to differ in the last instants
 
 
-def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardState, log: Signals) -> Cause | None:
+Foreseen = Mapping[int, Cause]
+"""Causes that were known before a run, by the guard's reasons that they explain."""
+NOTHING_FORESEEN: Foreseen = {}
+
+
+def cause_of(
+    info: RigInfo,
+    blocks: Blocks,
+    limits: GuardLimits,
+    state: GuardState,
+    log: Signals,
+    foreseen: Foreseen = NOTHING_FORESEEN,
+) -> Cause | None:
     """Return the cause of a stop, None if nothing is known beyond the guard's own reason.
 
-    `log` holds all steps, also those before the record.
+    `log` holds all steps, also those before the record. What was `foreseen` goes before what the signals tell.
     """
     reason, last = int(state.flags[1]), int(state.flags[3])
     if reason == g.LOST:
@@ -92,7 +116,7 @@ def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardSta
         return None
     names = [channel.name for channel in info.channels]
     kept = _kept(limits, state)
-    found = _all_kept(kept, state) or _of_further(info, blocks, limits, state, log)
+    found = foreseen.get(reason) or _all_kept(kept, state) or _of_further(info, blocks, limits, state, log)
     if found is None and reason not in OF_FURTHER:
         found = _of_signals(info, blocks, state, log, kept)
     stall = None if reason == g.STUCK else _lost(log, last, info.dt_s)  # no stall lasts as long as STUCK_S
@@ -110,6 +134,8 @@ def _of_signals(info: RigInfo, blocks: Blocks, state: GuardState, log: Signals, 
     fits = reason not in OF_COMMAND and int(state.flags[2]) in (g.NO_CHANNEL, 0)
     stuck = int(state.flags[2]) if reason == g.STUCK else g.NO_CHANNEL
     found = (_named(names, seen, kept, stuck, fits) if seen else None) or _group(names[0], seen, reason)
+    if (found is None or found.of_table) and (hz := _growing_hz(log, blocks.lead_samples, last, info.dt_s)):
+        return Cause(f"an oscillation of {hz:.3g} Hz grows in the loop of table and controller", CHECK_LOOP, True)
     return _or_too_fast(found) if found and found.of_table and _moved_fast(info, log, last) else found
 
 
@@ -222,6 +248,22 @@ def _compared(info: RigInfo, specimen: Specimen, lead: int, log: Signals, last: 
     parted = error[-now:].max() > MORE * error[:-now].max(initial=0.0) + least[0]
     alone = off & ~as_desired & ~as_measured
     return Seen(alone, bool(as_desired.any()), bool(as_measured.any()), bool(astray), bool(parted))
+
+
+def _growing_hz(log: Signals, lead: int, last: int, dt_s: float) -> float:
+    """Return the frequency in Hz of a tracking error that oscillates evenly and grows up to the stop; 0 without one."""
+    first = max(last + 1 - round(WINDOW_S / dt_s), lead)
+    error = log.desired[0, first - lead : last + 1 - lead] - log.corrected[0, first : last + 1]
+    crossings = np.flatnonzero(np.diff(np.signbit(error))) + 1
+    if crossings.size <= HALF_CYCLES or not np.isfinite(error).all():
+        return 0.0
+    ends = crossings[-HALF_CYCLES - 1 :]
+    sizes = np.maximum.reduceat(np.abs(error), ends)[:-1]  # of whole half cycles
+    lengths, rising = np.diff(ends), np.diff(sizes) > 0.0
+    half = HALF_CYCLES // 2
+    grows = sizes[half:].mean() > GROWTH * sizes[:half].mean() and np.count_nonzero(rising) >= HALF_CYCLES - 3
+    even = lengths.std() < UNEVEN * lengths.mean()
+    return float(0.5 / (dt_s * lengths.mean())) if grows and even else 0.0
 
 
 def _moved_fast(info: RigInfo, log: Signals, last: int) -> bool:

@@ -65,6 +65,12 @@ REACH = {
     "force_n": ("N", "actuator force"),
     "command_v": ("V", "command"),
 }
+GUARDED = {
+    "displacement_m": ("m", "displacement by the command, with room to brake"),
+    "deviation_m": ("m", "distance of this displacement from the desired one"),
+    "tracking_m_s2": (ACCEL, "tracking error"),
+    "acceleration_m_s2": (ACCEL, "measured table acceleration"),
+}
 SENSORS = {
     "sensor_offset_v": ("V", "offset of each channel in the middle of the run, beside its zero at rest before it"),
     "sensor_offset_uncertainty_v": ("V", "standard uncertainty of the offset of each channel"),
@@ -296,6 +302,12 @@ def _of_check() -> Iterator[Quantity]:
     for leaf, (units, name) in REACH.items():
         yield Quantity(f"check.peak_{leaf}", units, "", NONE, f"{name}: predicted peak")
         yield Quantity(f"check.limit_{leaf}", units, "", NONE, f"{name}: limit")
+    for run, label in (("shake_table", "shake-table test"), ("exp_rths", "EXP-RTHS")):
+        for leaf, (units, name) in GUARDED.items():
+            yield Quantity(f"check.{run}_planned_{leaf}", units, "", NONE, f"{label}: largest {name} that it needs")
+            yield Quantity(
+                f"check.{run}_guard_{leaf}", units, "", NONE, f"{label}: {name} from which its guard stops it"
+            )
     late = "RMS of SIM - SIM-DELAY of the building as identified"
     yield Quantity("check.sim_delay_rms_error_m_s2", ACCEL, "storey", NONE, late, (), BAND, scales_as=ACCEL)
     for name, text in (

@@ -132,7 +132,7 @@ class Shared:
         truth = truth_of(setup, sim, values, self._progress) if true_reference.is_another(setup) else None
         change_m = None if setup.building.linear else change_of_residual_drift(setup, sim, values)
         drifting = known.found if laboratory_number(setup.case) is not None else None
-        plan = plan_run(setup, checked.design, HYBRID_TEST, drifting)
+        plan = plan_run(setup, checked.design, HYBRID_TEST, drifting, checked.planned.get(HYBRID_TEST.name))
         return Ready(setup, checked, "", plan, sim, truth, change_m)
 
     def _memory(self, setup: Setup) -> Memory:

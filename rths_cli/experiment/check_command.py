@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis.closed_loop_matrix import open_loop
-from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
+from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE, VERDICTS
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment import result_contents
 from rths_cli.experiment.case_warnings import of_case
-from rths_cli.experiment.check_metrics import check_figures
+from rths_cli.experiment.check_metrics import check_figures, table_test_figures
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import make_setups, refuse_unstable_steps, shown
+from rths_cli.experiment.table_test_check import judge_table_test
 from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.analysis.predicted_error import Known as LoopKnown
+    from rths_cli.analysis.stability_check import Preflight
     from rths_cli.analysis.true_error import TrueError
     from rths_cli.case.case_schema import Case
     from rths_cli.control.part_designs import OwnParts
@@ -55,6 +57,23 @@ class Verdict:
     said: str = ""  # a sentence on the true error; "" where nothing is uncertain
     advice: str = ""  # a sentence on the measurement that would lower its bound; "" without one
     true_error: TrueError | None = None  # its distribution; None: sensors and masses are exactly as declared
+    table_test: Preflight | None = None  # the check of the shake-table test; None: there is none, or no design
+
+    @property
+    def worst(self) -> str:
+        """Return the worst verdict of all table runs; "" without one."""
+        told = (self.verdict, self.table_test.verdict if self.table_test else "")
+        return max(told, key=("", *VERDICTS).index)
+
+    def of_run(self, run: str) -> tuple[str, tuple[str, ...]]:
+        """Return verdict and reasons of one table run by its name, shake_table or exp_rths."""
+        if run == "shake_table" and self.table_test is not None:
+            return self.table_test.verdict, self.table_test.reasons
+        return self.verdict, self.reasons
+
+    def refuses(self, run: str) -> bool:
+        """Return whether a table run is not safe."""
+        return self.of_run(run)[0] in (UNSAFE, UNSTABLE)
 
     @property
     def remarks(self) -> dict[str, str]:
@@ -98,11 +117,12 @@ class Checked:
     """The result of the check of one case."""
 
     about: Tested
-    verdict: str  # SAFE, UNSAFE or UNSTABLE
+    verdict: str  # SAFE, UNSAFE or UNSTABLE: the worst of all table runs
     reasons: tuple[str, ...]  # why it is not safe, one sentence each
     warnings: tuple[str, ...] = ()  # further sentences, which do not change the verdict
     metrics: Values = field(default_factory=dict)  # by path
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
+    runs: tuple[tuple[str, str], ...] = ()  # label and verdict of each table run
 
     @property
     def exit_code(self) -> int:
@@ -121,6 +141,11 @@ def verdict_on(
     the building cannot be solved, only the reasons of the rejection are returned. Doubts on units precede the reasons.
     """
     found = _judged(setup, known, hybrid, design, shared)
+    if found.design is not None and "shake_table" in setup.case.runs:
+        blocks = found.design
+        of_table = interruptible(lambda: judge_table_test(setup, known.found, blocks, shared))
+        figures = {f"check.shake_table_{name}": value for name, value in table_test_figures(of_table).items()}
+        found = replace(found, table_test=of_table, figures=found.figures | figures)
     return replace(found, reasons=(*unit_doubts(setup), *found.reasons)) if found.reasons else found
 
 
@@ -227,14 +252,23 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     except (RigError, LimitError) as error:
         doubts = unit_doubts(setup)
         return Checked(_about(setup, "none"), UNSAFE, before_error(doubts, error), doubts)
-    found = verdict_on(setup, known)
+    hybrid = "exp_rths" in setup.case.runs or "shake_table" not in setup.case.runs
+    found = verdict_on(setup, known, hybrid)
     figures = (
         {} if found.design is None else result_contents.design_figures(setup, known.found, found.design) | found.figures
     )
     told = () if "model" in setup.overrides else known.found.reasons
     notes = tuple(note for note in of_case(setup, known.found, found.design) if note not in told)
     notes = (*filter(None, (found.said, found.advice)), *notes)
-    return Checked(_about(setup, known.source), found.verdict, found.reasons, notes, figures, found.tangents)
+    runs = [("EXP-RTHS", found.verdict)] if hybrid else []
+    reasons = found.reasons
+    if found.table_test is not None:
+        told = [reason for reason in found.table_test.reasons if reason not in reasons]
+        reasons = (*reasons, *(f"shake-table test: {reason}" for reason in told))
+        runs.insert(0, ("shake-table test", found.table_test.verdict))
+    return Checked(
+        _about(setup, known.source), found.worst, reasons, notes, figures, found.tangents, tuple(runs)
+    )  # fmt: skip
 
 
 def _about(setup: Setup, model: str) -> Tested:

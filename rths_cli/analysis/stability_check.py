@@ -235,6 +235,11 @@ def faults_of_loop(
     return _fragile(found, feedback, least_delay_s, alone) if found.radius < 1.0 else _unstable(found, alone)
 
 
+def faults_of_reach(rows: Sequence[Reach]) -> tuple[Fault, ...]:
+    """Return a reason for each predicted peak that leaves no reserve to its limit."""
+    return tuple(_beyond(row, 0.0, False) for row in rows if not row.share <= 1.0 - RESERVE)
+
+
 def rounded_down(value: float, digits: int = 3) -> float:
     """Return a positive number rounded down to at most `digits` significant digits."""
     return float(Context(prec=digits, rounding=ROUND_DOWN).create_decimal(repr(float(value))))

@@ -61,7 +61,7 @@ class ContinuedTable:
     def response(self, frequency_hz: Array, shift: float = 0.0, damping: float = 1.0) -> ComplexArray:
         """Return command to acceleration (n,) in m/s^2 per V, without delay, with the specimen's frequencies changed by
         a relative `shift` and its damping by a factor."""
-        s = 2j * np.pi * frequency_hz
+        s = _s(frequency_hz)
         columns = _columns(s, self.end_hz, self.moving_mass_kg + self._apparent_kg(s, shift, damping))
         return np.asarray(hold_size(frequency_hz, self.model.dt_s) / (columns @ self.numbers), dtype=complex)
 
@@ -130,7 +130,7 @@ def continued_table(
         model, np.zeros(5), moving_mass_kg, hz, ratio, mass, end_hz, max(shift, LEAST_SHIFT), np.inf, loudest
     )
     late_s = max(model.delay_s, (model.latency_samples + 0.5) * model.dt_s)
-    s = 2j * np.pi * frequency
+    s = _s(frequency)
     inverse = hold_size(frequency, model.dt_s) / (response * np.exp(s * late_s))
     columns = _columns(s, end_hz, moving_mass_kg + bare._apparent_kg(s, 0.0, 1.0)) / inverse[:, None]
     numbers = np.zeros(5)
@@ -146,6 +146,10 @@ def continued_table(
     return ContinuedTable(
         model, numbers, moving_mass_kg, hz, ratio, mass, end_hz, max(shift, LEAST_SHIFT), misfit, loudest
     )
+
+
+def _s(frequency_hz: Array) -> ComplexArray:
+    return np.asarray(2j * np.pi * frequency_hz, dtype=complex)
 
 
 def _columns(s: ComplexArray, end_hz: float, moved_kg: ComplexArray) -> ComplexArray:

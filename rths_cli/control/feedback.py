@@ -168,7 +168,7 @@ def _known_plant(
         gain = regulator_gain(model, plant, weights)
         return KnownPlant(plant, gain, np.zeros_like(gain), np.ones((1, 1)), plant[1], plant[3])
     corner = 2.0 * np.pi * roll_off_hz
-    poles = corner * np.exp(1j * np.pi * np.array([0.75, -0.75]))
+    poles = np.asarray(corner * np.exp(1j * np.pi * np.array([0.75, -0.75])), dtype=complex)
     low = discretise(from_roots(np.zeros(0, dtype=complex), poles, corner**2), dt_s, "foh", "roll_off", ("v",), ("u",))
     n, m = len(low.A), len(table.A)
     both = StateSpace(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -9,19 +10,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis.closed_loop_matrix import open_loop
-from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE, VERDICTS
+from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE, VERDICTS, Fault
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment import result_contents
 from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.check_metrics import check_figures, table_test_figures
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.design_choice import choose_design
+from rths_cli.experiment.excitation_check import excitation_faults
+from rths_cli.experiment.identify_on_rig import excitation_settings, plan
 from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
+from rths_cli.experiment.session import wants_session_record
 from rths_cli.experiment.setup import make_setups, refuse_unstable_steps, shown
 from rths_cli.experiment.table_test_check import judge_table_test
 from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
+from rths_cli.identification.low_level_probe import probe_plan
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 from rths_cli.numerics.shared_values import SharedValues
@@ -144,6 +149,10 @@ def verdict_on(
     if found.design is not None and "shake_table" in setup.case.runs:
         blocks = found.design
         of_table = interruptible(lambda: judge_table_test(setup, known.found, blocks, shared))
+        if faults := known.faults(setup.overrides):
+            worse = UNSAFE if of_table.verdict == SAFE else of_table.verdict
+            unfit = tuple(Fault("model", fault, np.nan) for fault in faults)
+            of_table = replace(of_table, verdict=worse, faults=(*unfit, *of_table.faults))
         figures = {f"check.shake_table_{name}": value for name, value in table_test_figures(of_table).items()}
         found = replace(found, table_test=of_table, figures=found.figures | figures)
     return replace(found, reasons=(*unit_doubts(setup), *found.reasons)) if found.reasons else found
@@ -261,14 +270,28 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     notes = tuple(note for note in of_case(setup, known.found, found.design) if note not in told)
     notes = (*filter(None, (found.said, found.advice)), *notes)
     runs = [("EXP-RTHS", found.verdict)] if hybrid else []
+    excited = excitations(setup, known)
     reasons = found.reasons
     if found.table_test is not None:
-        told = [reason for reason in found.table_test.reasons if reason not in reasons]
+        told = tuple(reason for reason in found.table_test.reasons if reason not in reasons)
         reasons = (*reasons, *(f"shake-table test: {reason}" for reason in told))
         runs.insert(0, ("shake-table test", found.table_test.verdict))
     return Checked(
-        _about(setup, known.source), found.worst, reasons, notes, figures, found.tangents, tuple(runs)
+        _about(setup, known.source), found.worst, reasons, notes, figures, found.tangents, (*excited, *runs)
     )  # fmt: skip
+
+
+def excitations(setup: Setup, known: Known) -> list[tuple[str, str]]:
+    """Return label and verdict of the excitations that are played before the table runs of a case."""
+    settings = excitation_settings(setup.case.identification)
+    found = []
+    if setup.case.identification.model is None:
+        found.append(("identification", plan(setup).command_v))
+    if setup.case.identification.model is not None or wants_session_record(setup):
+        most_m_s2 = known.found.low_level_m_s2 or math.inf
+        low = probe_plan(setup.rig, settings, setup.case.identification.seed, most_m_s2)
+        found.append(("verification" if setup.case.identification.model else "record of the session", low.command_v))
+    return [(label, UNSAFE if excitation_faults(setup, command_v) else SAFE) for label, command_v in found]
 
 
 def _about(setup: Setup, model: str) -> Tested:

@@ -404,7 +404,7 @@ def known_of(
         ground=ground,
         sim=sim_lines(building, lines, ground[0]),
         velocity_m_s=sim.rel_vel_m_s[interface] + motion.velocity_m_s,
-        noise_m_s2=_before_correction(identified, design.blocks.correction, setup),
+        noise_m_s2=noise_before_correction(identified, design.blocks.correction, setup),
         rig=setup.rig,
         correction=design.blocks.correction,
         shaped=design.blocks.shaping_step_v > 0.0,
@@ -412,11 +412,11 @@ def known_of(
         compared=setup.compared,
         specimen=specimen,
         peaks_m_s2=np.abs(sim.abs_accel_m_s2[interface:]).max(axis=1),
-        zero_m_s2=_zeros(identified, setup),
+        zero_m_s2=shown_zeros(identified, setup),
     )
 
 
-def _zeros(identified: Identification, setup: Setup) -> Array | None:
+def shown_zeros(identified: Identification, setup: Setup) -> Array | None:
     """Return what the channels' zeros at rest (c,) in m/s^2 are off by, as the identification showed; None: not known.
 
     On a real rig amplifiers move their zeros by more than that until the test.
@@ -427,7 +427,7 @@ def _zeros(identified: Identification, setup: Setup) -> Array | None:
     return np.array(shown)
 
 
-def _before_correction(identified: Identification, correction: Block, setup: Setup) -> Array:
+def noise_before_correction(identified: Identification, correction: Block, setup: Setup) -> Array:
     """Return the channels' noise (c,) at rest in m/s^2 before the sensor correction, which amplifies white noise.
 
     A mains hum above the test band is left out: it is no part of the noise in the band.

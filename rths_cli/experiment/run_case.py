@@ -22,7 +22,7 @@ from rths_cli.experiment.identify_output import try_folder
 from rths_cli.experiment.lost_sample_sentence import losses_of_runs
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.model_choice import Known, Memory
-from rths_cli.experiment.one_table_run import Stop
+from rths_cli.experiment.one_table_run import TABLE_RUNS, Stop
 from rths_cli.experiment.provenance import attributes
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup, building_key, make_setups, motion_key
 from rths_cli.experiment.table_runs_of_case import Played, Stage, VirtualStage, play_all, refused, why_none
@@ -157,10 +157,14 @@ def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tup
     said = of_case(setup, known.found if known else None, checked.design if checked else None)
     if checked is not None and checked.advice and (not checked.refused or "check" in setup.overrides):
         said = (checked.advice, *said)
-    if checked is None or not checked.refused or "check" not in setup.overrides:
+    if checked is None or "check" not in setup.overrides:
         return said
-    overridden = f"the check of EXP-RTHS is overridden, it says {checked.verdict}: {'; '.join(checked.reasons)}"
-    return (overridden, *said)
+    overridden = []
+    for kind in TABLE_RUNS:
+        if kind.name in setup.case.runs and checked.refuses(kind.name):
+            verdict, reasons = checked.of_run(kind.name)
+            overridden.append(f"the check of {kind.label} is overridden, it says {verdict}: {'; '.join(reasons)}")
+    return (*overridden, *said)
 
 
 def _attributes(
@@ -168,7 +172,7 @@ def _attributes(
 ) -> dict[str, str | int | float]:
     """Return the root attributes of the result file."""
     model = {"model_source": known.source if known else "", "warnings": "\n".join(cautions)}
-    verdict = {"check_verdict": checked.verdict if checked else "", "units_in_doubt": key_in_doubt(setup)}
+    verdict = {"check_verdict": checked.worst if checked else "", "units_in_doubt": key_in_doubt(setup)}
     return attributes(setup, checked.design if checked else None, command_line) | model | verdict
 
 

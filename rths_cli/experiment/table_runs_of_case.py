@@ -12,6 +12,7 @@ from rths_cli.experiment.one_table_run import (
     HYBRID_TEST,
     TABLE_RUNS,
     Run,
+    RunKind,
     RunPlan,
     Stop,
     evaluated,
@@ -98,9 +99,9 @@ def play_all(
     all_of_them = Played(None, {})
     for kind in TABLE_RUNS:
         stop, late = all_of_them.stop, all_of_them.late
-        if kind.name not in setup.case.runs or (stop is not None and setup.rig.can.moves_hardware):
+        if kind.name not in setup.case.runs or (_ended(stop) and setup.rig.can.moves_hardware):
             continue
-        if kind is HYBRID_TEST and (refusal := refusal_of(setup, checked)):
+        if refusal := refusal_of(setup, checked, kind):
             _note(writer, kind.name, refusal)
             stop = replace(stop, reason=f"{stop.reason}; {refusal.reason}") if stop else refusal
             all_of_them = replace(all_of_them, stop=stop)
@@ -115,8 +116,8 @@ def play_all(
         plan = plan_run(setup, design, kind, known.found, checked.planned.get(kind.name))
         outcome = stage.play(plan, writer)
         run = run_of(outcome, setup, kind, design.blocks.lead_samples, plan.expected)
-        if kind is HYBRID_TEST and run.stopped is not None and checked.refused:
-            told = f"{checked.verdict} by its check, which was overridden; {run.stopped.reason}"
+        if run.stopped is not None and checked.refuses(kind.name):
+            told = f"{checked.of_run(kind.name)[0]} by its check, which was overridden; {run.stopped.reason}"
             run = replace(run, stopped=replace(run.stopped, reason=told))
         write_run(writer, setup, run)
         _note(writer, kind.name, run.stopped)
@@ -127,6 +128,11 @@ def play_all(
         if kind is HYBRID_TEST:
             all_of_them = replace(all_of_them, true_accel=true_accelerations(run, setup))
     return all_of_them
+
+
+def _ended(stop: Stop | None) -> bool:
+    """Return whether an earlier run ended early; one that was refused moved nothing."""
+    return stop is not None and stop.status != "refused"
 
 
 def _with(before: Played, run: Run) -> Played:
@@ -173,23 +179,24 @@ def why_none(setup: Setup, known: Known, checked: Verdict) -> str:
     return "; ".join((*unit_doubts(setup), *faults)) if faults else ""
 
 
-def why_unsafe(setup: Setup, checked: Verdict) -> str:
-    """Return why EXP-RTHS is not played, empty if it is safe or overridden."""
-    if not checked.refused or "check" in setup.overrides:
+def why_unsafe(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> str:
+    """Return why a table run is not played, empty if it is safe or overridden."""
+    if not checked.refuses(kind.name) or "check" in setup.overrides:
         return ""
+    verdict, reasons = checked.of_run(kind.name)
     doubts = unit_doubts(setup)
-    others = [reason for reason in checked.reasons if reason not in doubts]
+    others = [reason for reason in reasons if reason not in doubts]
     if doubts and others:  # what a wrong unit makes of the loop tells nobody what to change
         others = [f"{len(others)} more {'reasons' if len(others) > 1 else 'reason'}, which a wrong unit would explain"]
-    return f"{checked.verdict}: {'; '.join([*doubts, *others])}"
+    return f"{verdict}: {'; '.join([*doubts, *others])}"
 
 
-def refusal_of(setup: Setup, checked: Verdict) -> Stop | None:
-    """Return the refusal of EXP-RTHS, None if it is safe or overridden."""
-    why = why_unsafe(setup, checked)
+def refusal_of(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> Stop | None:
+    """Return the refusal of a table run, None if it is safe or overridden."""
+    why = why_unsafe(setup, checked, kind)
     if not why:
         return None
     advice = (
         f"rths check {shown(setup.case.path)} with the same options tells more, --override check runs it all the same"
     )
-    return Stop("refused", f"EXP-RTHS refused, {why}; {advice}", 1)
+    return Stop("refused", f"{kind.label} refused, {why}; {advice}", 1)

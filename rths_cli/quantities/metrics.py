@@ -308,6 +308,15 @@ def _of_check() -> Iterator[Quantity]:
             yield Quantity(
                 f"check.{run}_guard_{leaf}", units, "", NONE, f"{label}: {name} from which its guard stops it"
             )
+    for name, units, text in (
+        ("spectral_radius", "1", "largest |eigenvalue| of the loop of table and controller"),
+        ("tolerated_table_error", "1", "error of the table's response that makes that loop unstable"),
+        ("required_table_error", "1", "relative error of the table's response that it must stand there"),
+        ("table_error_hz", "Hz", "where the two are nearest to each other"),
+        ("delay_margin_s", "s", "smallest further delay that makes that loop unstable"),
+        *((f"peak_{leaf}", units, f"{name}: predicted peak") for leaf, (units, name) in REACH.items()),
+    ):
+        yield Quantity(f"check.shake_table_{name}", units, "", NONE, f"shake-table test: {text}")
     late = "RMS of SIM - SIM-DELAY of the building as identified"
     yield Quantity("check.sim_delay_rms_error_m_s2", ACCEL, "storey", NONE, late, (), BAND, scales_as=ACCEL)
     for name, text in (

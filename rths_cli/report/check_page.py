@@ -339,6 +339,8 @@ def _over_samples(intervals: Mapping[str, Interval]) -> list[str]:
 def _verdict(checked: Checked) -> list[str]:
     """Return the lines on warnings, verdict and reasons; a warning that is a reason is told once."""
     notes = [labelled("note", warning) for warning in checked.warnings if warning not in checked.reasons]
+    of_runs = ", ".join(f"{label} {verdict}" for label, verdict in checked.runs)
+    notes += [labelled("table runs", of_runs)] if len(checked.runs) > 1 else []
     first = checked.verdict if not checked.reasons else f"{checked.verdict}: {checked.reasons[0]}"
     return [*notes, labelled("verdict", first), *(labelled("", reason) for reason in checked.reasons[1:])]
 

@@ -234,16 +234,17 @@ class KalmanSpec(Strict):
 
 
 class GradeLimitsSpec(Strict):
-    """Hold the largest errors of a good and of a usable hybrid test, of its worst storey, RMS in the test band."""
+    """Hold the largest 95 % bounds of the true error of a good and of a usable hybrid test, of its worst storey."""
 
     good_percent: Annotated[float, Range(gt=0, le=100)] = Field(
-        default=2.0, description="in percent of SIM's RMS, of a good test"
+        default=2.0, description="95 % bound of the true error in percent of SIM's RMS, of a good test"
     )
     good_ratio: Annotated[float, Range(gt=0, le=1)] = Field(
-        default=0.1, description="over SIM-DELAY's error, of a good test"
+        default=0.1,
+        description="true error over SIM-DELAY's, of a compensation that is worth it; no part of the grade",
     )
     usable_percent: Annotated[float, Range(gt=0, le=100)] = Field(
-        default=5.0, description="in percent of SIM's RMS, of a usable test"
+        default=5.0, description="95 % bound of the true error in percent of SIM's RMS, of a usable test"
     )
 
     @classmethod
@@ -357,7 +358,8 @@ class CaseKeys(Strict):
         "the weighing of the floors: the residual drift of storeys with laws is stated with what it makes of it",
     )
     grade_limits: GradeLimitsSpec = Field(
-        default=GradeLimitsSpec(), description="from which errors on a test is no longer called good, or usable"
+        default=GradeLimitsSpec(),
+        description="from which bounds of the true error on a test is no longer called good, or usable",
     )
     seed: Seed = Field(default=0, description="seed of the noise in the runs")
     notes: str = Field(default="", description="any text; it goes into the result")

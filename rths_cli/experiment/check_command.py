@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.true_error import TrueError
     from rths_cli.case.case_schema import Case
     from rths_cli.control.part_designs import OwnParts
-    from rths_cli.experiment.check import Judged
+    from rths_cli.experiment.check import Judged, Uncertain
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_choice import Known
     from rths_cli.experiment.one_table_run import RunKind
@@ -68,6 +68,7 @@ class Verdict:
     said: str = ""  # a sentence on the true error; "" where nothing is uncertain
     advice: str = ""  # a sentence on the measurement that would lower its bound; "" without one
     true_error: TrueError | None = None  # its distribution; None: sensors and masses are exactly as declared
+    uncertain: Uncertain | None = None  # for that distribution after the run; None: the loop is unstable, not judged
     # what each run on the table needs, by its name; no entry where nothing is known of it
     planned: Mapping[str, PlannedMotion] = field(default_factory=dict)
     of_guard: tuple[str, ...] = ()  # sentences on the guard's limits in these runs
@@ -215,7 +216,8 @@ def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, sha
     said, advice = _on_true_error(setup, judged)
     reasons, figures = (*faults, *found.reasons), check_figures(judged)
     return Verdict(
-        verdict, reasons, design, figures, judged.known, judged.replay, tangents, said, advice, judged.true_error
+        verdict, reasons, design, figures, judged.known, judged.replay, tangents, said, advice, judged.true_error,
+        judged.uncertain,
     )  # fmt: skip
 
 

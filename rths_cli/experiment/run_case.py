@@ -119,7 +119,7 @@ def run_case(
                     truth = _truth_told(setup, stage.told, progress)
             if truth is not None and played.true_accel is not None:
                 values |= true_reference.metrics_of(setup, truth, played.true_accel, values)
-            values |= expected_errors.metrics_of(checked.true_error, values)
+            values |= expected_errors.metrics_of(played.after.true_error, values)
             if "exp_rths.residual_drift_m" in values and not setup.declared:
                 change_m = change_of_residual_drift(setup, sim, shared)
                 values |= residual_drift.metrics_of(setup, sim, change_m, values)

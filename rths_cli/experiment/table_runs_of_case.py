@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.experiment import result_contents
+from rths_cli.experiment.error_after_run import AfterRun, error_after_run
 from rths_cli.experiment.error_budget_metrics import told_causes
 from rths_cli.experiment.one_table_run import (
     HYBRID_TEST,
@@ -45,7 +46,8 @@ class Played:
     """Outcome of the table runs of a case: the first stop (None: there was none), metrics and warnings.
 
     `late` is what ended a run after its complete record (None: nothing did); `remarks` belong to metrics. `true_accel`
-    (n_storeys, n) in m/s^2 is the building's true motion in a complete EXP-RTHS, None where nobody knows it.
+    (n_storeys, n) in m/s^2 is the building's true motion in a complete EXP-RTHS, None where nobody knows it; `after` is
+    what its records tell of its true error.
     """
 
     stop: Stop | None
@@ -54,6 +56,7 @@ class Played:
     late: Stop | None = None
     remarks: Mapping[str, str] = field(default_factory=dict)
     true_accel: Array | None = None
+    after: AfterRun = field(default_factory=AfterRun)
 
 
 class Stage(Protocol):
@@ -126,7 +129,11 @@ def play_all(
             writer.about(causes)
         all_of_them = _with(all_of_them, run)
         if kind is HYBRID_TEST:
-            all_of_them = replace(all_of_them, true_accel=true_accelerations(run, setup))
+            after = error_after_run(checked.uncertain, run)
+            if after.why_none:
+                writer.about({"no_true_error_bound": after.why_none})
+            values = {**all_of_them.values, **after.values}
+            all_of_them = replace(all_of_them, true_accel=true_accelerations(run, setup), after=after, values=values)
     return all_of_them
 
 

@@ -102,6 +102,9 @@ OF_FILE = (
     AttributeDeclaration(
         "main_error_cause", "text", "the cause with half of the error's square, empty without one", present=SINCE_0_2
     ),
+    AttributeDeclaration(
+        "no_true_error_bound", "text", "why a complete EXP-RTHS has no bound of its true error", present=SINCE_0_2
+    ),
     AttributeDeclaration("overrides", "text", "what was overridden: check, model"),
     AttributeDeclaration(
         "units_in_doubt", "text", "key whose value speaks for another unit, empty if none does", present=SINCE_0_2

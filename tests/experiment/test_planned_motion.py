@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -65,8 +64,6 @@ def ends(request: pytest.FixtureRequest, usual: Made) -> list[Ended]:
 
 
 def test_a_sensor_that_fails_at_the_peak_leaves_the_table_near_its_motion(ends: list[Ended]) -> None:
-    for one in ends:
-        print(one.run, one.kind, one.channel, one.reached_m, one.healthy_m, one.seconds, one.rest_s, one.named, one.sentence)
     assert [one for one in ends if not one.stays] == []
     assert [one for one in ends if not one.rests] == []
 

@@ -40,7 +40,8 @@ OFF, BETTER = 0.25, 0.4  # significant difference over the signal; over the othe
 BITS = 10.0  # a significant difference also exceeds this many bits of the channel
 FAST = 0.5  # a command faster than this fraction of the velocity limit may be too fast for the table
 KEPT = 3.0 / g.STUCK_BITS  # fraction of the guard's threshold (10 bits): the channel missed three bits of motion
-HALF_CYCLES, GROWTH, UNEVEN = 8, 1.5, 0.25  # of a growing oscillation: last ones, last over first, spread of lengths
+HALF_CYCLES = 9, 24  # of a growing oscillation: fewest, and most that are looked at
+GROWTH, UNEVEN = 1.5, 0.25  # its last third over the first; standard deviation of half cycles over their mean
 TOGETHER = 0.9  # channels that kept their code for this fraction of the longest such time stopped together
 OF_COMMAND = (
     g.STROKE,
@@ -255,15 +256,14 @@ def _growing_hz(log: Signals, lead: int, last: int, dt_s: float) -> float:
     first = max(last + 1 - round(WINDOW_S / dt_s), lead)
     error = log.desired[0, first - lead : last + 1 - lead] - log.corrected[0, first : last + 1]
     crossings = np.flatnonzero(np.diff(np.signbit(error))) + 1
-    if crossings.size <= HALF_CYCLES or not np.isfinite(error).all():
+    fewest, most = HALF_CYCLES
+    if crossings.size <= fewest or not np.isfinite(error).all():
         return 0.0
-    ends = crossings[-HALF_CYCLES - 1 :]
-    sizes = np.maximum.reduceat(np.abs(error), ends)[:-1]  # of whole half cycles
-    lengths, rising = np.diff(ends), np.diff(sizes) > 0.0
-    half = HALF_CYCLES // 2
-    grows = sizes[half:].mean() > GROWTH * sizes[:half].mean() and np.count_nonzero(rising) >= HALF_CYCLES - 3
-    even = lengths.std() < UNEVEN * lengths.mean()
-    return float(0.5 / (dt_s * lengths.mean())) if grows and even else 0.0
+    ends = crossings[-most - 1 :]
+    lengths, sizes = np.diff(ends), np.maximum.reduceat(np.abs(error), ends)[:-1]  # of whole half cycles
+    first_third, middle, last_third = (float(part.mean()) for part in np.array_split(sizes, 3))
+    grows = first_third < middle < last_third and last_third > GROWTH * first_third
+    return float(0.5 / (dt_s * lengths.mean())) if grows and lengths.std() < UNEVEN * lengths.mean() else 0.0
 
 
 def _moved_fast(info: RigInfo, log: Signals, last: int) -> bool:

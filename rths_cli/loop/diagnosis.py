@@ -256,9 +256,9 @@ def _compared(info: RigInfo, specimen: Specimen, lead: int, log: Signals, last: 
 
 def _growing_hz(log: Signals, lead: int, last: int, dt_s: float) -> float:
     """Return the frequency in Hz of a tracking error that oscillates evenly and grows up to the stop; 0 without one."""
-    if log.desired.ndim < 2:
-        return 0.0
     first = max(last + 1 - round(WINDOW_S / dt_s), lead)
+    if log.desired.ndim < 2 or last <= first:
+        return 0.0
     error = log.desired[0, first - lead : last + 1 - lead] - log.corrected[0, first : last + 1]
     crossings = np.flatnonzero(np.diff(np.signbit(error))) + 1
     fewest, most = HALF_CYCLES

@@ -192,9 +192,8 @@ def farthest(limits: GuardLimits) -> float:
 
 def _listens(blocks: Blocks, source: int) -> bool:
     """Return whether the samples take part in the command of a run."""
-    return (
-        source == NUMERICAL or blocks.counters_reaction or bool(np.any(blocks.feedback.C) or np.any(blocks.feedback.D))
-    )
+    feedback = blocks.linear_parts()[2]
+    return source == NUMERICAL or blocks.counters_reaction or bool(np.any(feedback.C) or np.any(feedback.D))
 
 
 def _demand(setup: Setup, drive: Array, source: int) -> PlannedMotion | None:

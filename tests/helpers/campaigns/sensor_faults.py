@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-
 from bare_rig import BareRig
+
 from rths_cli.experiment.design import Design
 from rths_cli.experiment.one_table_run import HYBRID_TEST, SHAKE_TABLE_TEST, RunKind, RunPlan, drive_of, plan_run
 from rths_cli.experiment.planned_motion import planned_motion

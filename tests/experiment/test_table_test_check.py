@@ -21,7 +21,6 @@ from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.table_runs_of_case import refusal_of
 from rths_cli.identification.results import Identification
 
-
 SHORT_SEED = 32  # stiff: modes in and above the identified band
 
 
@@ -80,8 +79,7 @@ def test_model_that_is_rejected_refuses_the_table_test_too(
     default_setup: Setup, default_identification: Identification
 ) -> None:
     setup = table_only(default_setup)
-    bad = replace(default_identification, verdict=replace(default_identification.verdict, reasons=("made up",)))
-    found = verdict_on(setup, Known(bad, "test"), False)
+    found = verdict_on(setup, replace(Known(default_identification, "test"), reasons=("made up",)), False)
     assert found.worst == UNSAFE and "made up" in "; ".join(found.of_run("shake_table")[1])
 
 

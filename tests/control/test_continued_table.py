@@ -10,7 +10,6 @@ import pytest
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control.continued_table import ContinuedTable, continued_table
 from rths_cli.control.feedback import design
-from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model, hold_size
 from rths_cli.rigs.virtual.plant import accelerations, continuous
 from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
@@ -110,16 +109,20 @@ def test_a_table_of_another_kind_is_told_and_its_envelope_stays_at_its_loudest()
 
 
 def test_feedback_is_quiet_where_the_table_is_not_known() -> None:
-    """A plain design on the model is too loud beyond the band on the true table; with the continued one it is not."""
+    """On a model whose poles beyond the band are wrong, as a fit up to 60 Hz found them, the plain design is nearly
+    unstable on the true table, with 0.83 at 100 Hz; with the continued table its gain is within the permitted one."""
     there, physics = specimen(STIFF), VirtualPhysics()
-    frf, found = measured(there, physics), continued(0)
+    upper = np.array([-67.22 + 35.99j, -10.51 + 49.41j, -4.675 + 11.5j, -0.817 + 77.14j])
+    fixed = np.array([-1.566 + 24.97j, -1.777 + 62.85j, -2.555 + 106.9j])
+    poles, zeros = (2.0 * np.pi * np.concatenate([each, each.conj()]) for each in (upper, fixed))
+    zeros, s = np.concatenate([[0.0, 0.0], zeros]), 2j * np.pi * 20.0
+    size = np.abs(truth(np.array([20.0]), there, physics))[0] * np.abs(np.prod(s - poles) / np.prod(s - zeros))
+    model = Model(zeros, poles, float(size), DELAY_S, (0.5, END_HZ), latency_samples=2, dt_s=DT_S)
+    frf = measured(there, physics)
+    found = continued_table(model, frf, there, physics.moving_mass_kg, END_HZ)
+    gains = [np.abs(design(model, frf, DT_S, None, 1.5, continued=known).block.response(BEYOND)[0, 0])
+             for known in (None, found)]  # fmt: skip
     true = np.abs(truth(BEYOND, there, physics))
-    loops = []
-    for known in (None, found):
-        try:
-            block = design(fitted(0), frf, DT_S, None, 1.5, continued=known).block
-        except InputError:
-            pytest.fail("no feedback is of use")
-        loops.append(np.abs(block.response(BEYOND)[0, 0]) * true)
-    assert loops[0].max() > 0.8 > 0.7 > loops[1].max()
-    assert np.all(loops[1] <= 1.1 / (1.0 + found.unknown(BEYOND)))
+    assert (gains[0] * true).max() > 0.6
+    assert np.all(gains[1] * true * (1.0 + found.unknown(BEYOND)) <= 1.0)
+    assert (gains[1] * true).max() < 0.7 * (gains[0] * true).max()

@@ -56,8 +56,8 @@ NO_MODES = np.empty(0)
 
 @dataclass(frozen=True)
 class Beyond:
-    """The error, of any phase, of the table's largest response beyond the identified band that the feedback by itself
-    tolerates and must tolerate, both relative, at the frequency where they are nearest.
+    """The error of the table's response beyond the identified band that the feedback by itself tolerates and must
+    tolerate, both relative, at the frequency where they are nearest.
 
     `needed_hz`: end of the identified band from which on the feedback would tolerate what it must; infinite: none.
     """
@@ -454,8 +454,7 @@ def _going_on(continued: ContinuedTable, frequency_hz: Array) -> list[ComplexArr
     """Return the continued response over the model's (n,), one within the identified band: with the specimen as
     identified, then with its frequencies shifted down and up."""
     model = continued.model
-    late_s = max(model.delay_s, (model.latency_samples + 0.5) * model.dt_s)
-    over = np.exp(-2j * np.pi * frequency_hz * late_s) / model.response(frequency_hz)
+    over = np.exp(-2j * np.pi * frequency_hz * continued.late_s) / model.response(frequency_hz)
     shifts = (0.0, -continued.shift, continued.shift) if continued.modes_beyond_hz.size else (0.0,)
     beyond = frequency_hz > continued.end_hz
     return [np.where(beyond, continued.response(frequency_hz, shift) * over, 1.0) for shift in shifts]
@@ -472,22 +471,29 @@ def _beyond_the_band(
 ) -> Beyond:
     """Return what the feedback's own loop (n,) tolerates beyond the end of the identified band, and what it must.
 
-    Its gain must stay below one with any phase of the table's largest response, which is off by what nobody has seen
-    there: a deck on its coil answered at 200 Hz four times as much as its model, in the samples of 500 Hz.
+    It is judged on the table as it goes on with every specimen that may stand there, and on its model where nothing
+    shows how it goes on: then with any phase of the largest response. Each is off by what nobody has seen there: a deck
+    on its coil answered at 200 Hz four times as much as its model, in the samples of 500 Hz.
     """
     if not loop.feedback.any():
         return NO_FEEDBACK
-    largest = np.abs(loop.rig[0])
-    if continued is not None:
-        largest = np.maximum(largest, continued.largest(frequency_hz))
-    tolerated = 1.0 / np.maximum(np.abs(loop.feedback) * largest, LEAST_LOOP) - 1.0
+    modelled, known = loop.feedback * loop.rig[0], np.ones(len(frequency_hz))
+    if continued is None:
+        tolerated = _tolerated(modelled, known)
+    elif continued.shown:
+        tolerated = np.full(len(frequency_hz), math.inf)
+        for each in continued.variants(frequency_hz):
+            there = np.where(frequency_hz > end_hz, loop.feedback * each, modelled)
+            stands = _tolerated(there, known) if _same_side(there, modelled) else np.zeros(len(frequency_hz))
+            tolerated = np.minimum(tolerated, stands)
+    else:
+        largest = np.maximum(np.abs(loop.rig[0]), continued.largest(frequency_hz))
+        tolerated = np.maximum(1.0 / np.maximum(np.abs(loop.feedback) * largest, LEAST_LOOP) - 1.0, 0.0)
     wanted = unknown(frequency_hz, end_hz)
-    share = (1.0 + wanted) / (1.0 + tolerated) * (frequency_hz > end_hz)
-    at = int(np.argmax(share))
-    return Beyond(
-        max(float(tolerated[at]), 0.0), float(wanted[at]), float(frequency_hz[at]),
-        end_hz if share[at] <= 1.0 else _band_needed(frequency_hz, tolerated, end_hz),
-    )  # fmt: skip
+    at = int(np.argmax((wanted + LEAST_LOOP) / (tolerated + LEAST_LOOP) * (frequency_hz > end_hz)))
+    safe = tolerated[at] >= wanted[at]
+    needed_hz = end_hz if safe else _band_needed(frequency_hz, tolerated, end_hz)
+    return Beyond(float(tolerated[at]), float(wanted[at]), float(frequency_hz[at]), needed_hz)
 
 
 def _band_needed(frequency_hz: Array, tolerated: Array, end_hz: float) -> float:

@@ -13,6 +13,7 @@ of the table that was fitted in the band alone has its poles there by chance.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -72,10 +73,23 @@ class ContinuedTable:
         if not self.shown:
             found = np.maximum(found, self.loudest_m_s2_per_v)
         if self.numbers[0] > 0.0:
-            for shift in np.linspace(-self.shift, self.shift, SHIFTS):
-                for damping in DAMPINGS:
-                    found = np.maximum(found, np.abs(self.response(frequency_hz, shift, damping)))
+            for each in self.variants(frequency_hz):
+                found = np.maximum(found, np.abs(each))
         return found
+
+    def variants(self, frequency_hz: Array) -> Iterator[ComplexArray]:
+        """Yield the responses (n,), the delay included, with every shift of the specimen's frequencies and less
+        damping; the identified one alone where no mode lies near the end of the band or beyond."""
+        late = np.exp(-2j * np.pi * frequency_hz * self.late_s)
+        moves = self.frequency_hz.max() * (1.0 + 4.0 * self.shift) > self.end_hz
+        for shift in np.linspace(-self.shift, self.shift, SHIFTS) if moves else (0.0,):
+            for damping in DAMPINGS if moves else (1.0,):
+                yield self.response(frequency_hz, shift, damping) * late
+
+    @property
+    def late_s(self) -> float:
+        """Return the delay from command to acceleration in s, half a sample of the hold included."""
+        return max(self.model.delay_s, (self.model.latency_samples + 0.5) * self.model.dt_s)
 
     def with_specimen(self, there: Specimen) -> ContinuedTable:
         """Return the table with another specimen on it."""
@@ -129,9 +143,8 @@ def continued_table(
     bare = ContinuedTable(
         model, np.zeros(5), moving_mass_kg, hz, ratio, mass, end_hz, max(shift, LEAST_SHIFT), np.inf, loudest
     )
-    late_s = max(model.delay_s, (model.latency_samples + 0.5) * model.dt_s)
     s = _s(frequency)
-    inverse = hold_size(frequency, model.dt_s) / (response * np.exp(s * late_s))
+    inverse = hold_size(frequency, model.dt_s) / (response * np.exp(s * bare.late_s))
     columns = _columns(s, end_hz, moving_mass_kg + bare._apparent_kg(s, 0.0, 1.0)) / inverse[:, None]
     numbers = np.zeros(5)
     for kept in (np.arange(5), np.array([0, 2, 3, 4])):  # a lag below zero is one that the record does not show

@@ -147,17 +147,19 @@ class Checked:
 
 
 def verdict_on(
-    setup: Setup, known: Known, hybrid: bool = True, design: Design | None = None, shared: SharedValues | None = None
-) -> Verdict:
-    """Return the verdict on a case's hybrid test, from the identification `known` of its rig and specimen.
+    setup: Setup, known: Known, hybrid: bool = True, design: Design | None = None, shared: SharedValues | None = None,
+    table_test: bool = True,
+) -> Verdict:  # fmt: skip
+    """Return the verdict on a case's table runs, from the identification `known` of its rig and specimen.
 
     If `hybrid` is False, there is no hybrid test: the verdict is "", or UNSAFE if no blocks can be designed. `design`:
     blocks that were designed already, for example for another record; None: they are designed here. With `shared`,
     cases compute common results once. If the model is rejected and, for that reason, no controller can be designed or
-    the building cannot be solved, only the reasons of the rejection are returned. Doubts on units precede the reasons.
+    the building cannot be solved, only the reasons of the rejection are returned. The shake-table test of a case that
+    has one is judged with the same design unless `table_test` is False. Doubts on units precede the reasons.
     """
     found = _with_plans(setup, known, _judged(setup, known, hybrid, design, shared))
-    if found.design is not None and "shake_table" in setup.case.runs:
+    if found.design is not None and table_test and "shake_table" in setup.case.runs:
         blocks = found.design
         of_table = interruptible(lambda: judge_table_test(setup, known.found, blocks, shared))
         of_table = _without_innocent_limits(setup, of_table)

@@ -145,7 +145,7 @@ class Shared:
             design: Design | None = values.get("design", keys.design, lambda: design_blocks(setup, known.found, values))
         except InputError:
             design = None  # the verdict says why
-        return verdict_on(setup, known, design=design, shared=values)
+        return verdict_on(setup, known, design=design, shared=values, table_test=False)
 
 
 def _digest(content: bytes) -> str:

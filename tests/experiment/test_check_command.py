@@ -260,5 +260,6 @@ def test_a_building_as_identified_without_a_sim_is_unsafe_and_no_fault_of_the_ca
 
     watch_references(monkeypatch, check, unsolved)
     verdict = check_command.verdict_on(default_setup, Known(default_identification, "made up"))
-    assert (verdict.verdict, verdict.figures) == ("unsafe", {})
+    of_loop = [path for path in verdict.figures if not path.startswith("check.shake_table_")]
+    assert (verdict.verdict, of_loop) == ("unsafe", [])
     assert verdict.reasons == ("the building as identified: SIM: its storeys are too unlike",)

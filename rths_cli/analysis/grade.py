@@ -15,6 +15,8 @@ BUDGET = "budget.rms_error_{}_m_s2"
 PREDICTED = "check.rms_error_{}_m_s2"
 OF_SAMPLES = ("noise", "quantisation")  # causes that are predicted alone
 WITH_SAMPLES = ("specimen", "rest")  # measured causes that hold them
+NO_CAUSE = "declared"  # in the budget: the true error does not hold what the specimen differs from its declaration by
+CALIBRATION = "calibration"  # the cause of what sensors cannot show
 LIMITING = 0.5  # smallest share of the squared error of a cause that is named alone
 LEAST_SHARE = 0.02  # of the interface floor's inertia force: a specimen with less of it hardly matters
 DECLARED = 2.0  # standard uncertainties from which the specimen is another one than declared
@@ -39,7 +41,7 @@ class Grade:
     percent: float  # 95 % bound of the worst storey
     median: float  # of the same storey: as likely exceeded as not
     storey: int  # that storey, from 1
-    cause: str  # the cause that makes most of the worst storey's error, by its name in the budget; "" if none does
+    cause: str  # the cause that makes most of it, CALIBRATION or by its name in the budget; "" if none does
 
 
 @dataclass(frozen=True)
@@ -144,16 +146,21 @@ def _largest(values: np.ndarray) -> int:
 
 
 def _cause(values: Mapping[str, ArrayLike], storey: int) -> str:
-    """Return the name of the cause with at least LIMITING of the squares of a storey's errors, "" without one.
+    """Return the name of the cause with at least LIMITING of the squares of a storey's true error, "" without one.
+
+    What the loop's measured error leaves of the median is the calibration's.
 
     What the budget measures as the specimen's and as the rest holds the noise and the rounding of the samples. Where
     the check predicted at least LIMITING of it from these two, the larger one is the cause.
     """
+    loop, median = (values.get(f"exp_rths.{name}_m_s2") for name in ("measured_loop_rms_error", "true_error_median"))
+    if loop is not None and median is not None and _square(loop, storey) < LIMITING * _square(median, storey):
+        return CALIBRATION
     first, last = BUDGET.split("{}")
     squares = {
         path.removeprefix(first).removesuffix(last): _square(value, storey)
         for path, value in values.items()
-        if path.startswith(first) and path.endswith(last)
+        if path.startswith(first) and path.endswith(last) and path != BUDGET.format(NO_CAUSE)
     }
     name = max(squares, key=squares.__getitem__, default="")
     if not name or not squares[name] >= LIMITING * sum(squares.values()) > 0.0:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.analysis.error_budget import at_full_rate
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim_fourier_lines import sim_lines
 from rths_cli.analysis.true_error import (
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
     from rths_cli.experiment.check import Uncertain
     from rths_cli.experiment.one_table_run import Run
+    from rths_cli.experiment.run_signals import Series
     from rths_cli.identification.results import SpecimenFit
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
@@ -48,6 +50,8 @@ CHANGED = 3.0  # standard uncertainties from which the specimen has changed sinc
 TELLS = 0.2  # largest relative standard uncertainty of a stiffness in the run that tells whether the specimen changed
 MOST_UNEXPLAINED = 0.1  # of the floors' motion: what a chain of storeys on the measured table may leave unexplained
 OF_IDENTIFIED = 3.0  # times what it left at the identification: the same limit of a specimen that is no such chain
+GAP_S = 0.15  # after a gap: what the samples there tell of the table in the gap
+GAP_ERROR = 0.3  # standard uncertainty of what is reconstructed of gaps, over what it changes
 BELOW_FIRST = 0.5  # the lines of the fit begin at this fraction of the specimen's first natural frequency or lower
 
 
@@ -90,7 +94,9 @@ def error_after_run(uncertain: Uncertain | None, run: Run) -> AfterRun:
     if not np.isfinite(reported).all():
         return AfterRun(why_none="the motion of some storeys is not known")
     values: dict[str, ArrayLike] = of_declaration(uncertain)
-    found = specimen_in_run(uncertain, run)
+    measured = samples_in_gaps(uncertain, run.series)
+    reconstructed = np.vstack([reported[: len(reported) - len(measured)], measured])
+    found = specimen_in_run(uncertain, measured)
     if isinstance(found, str):
         return AfterRun(values, why_none=found)
     values |= _as_figures(uncertain, found)
@@ -105,9 +111,9 @@ def error_after_run(uncertain: Uncertain | None, run: Run) -> AfterRun:
         sim = reference_of(building).sim(building, uncertain.setup.rig.dt_s, uncertain.setup.motion.accel_m_s2)
     except InputError as error:
         return AfterRun(values, why_none=f"the building as identified has no SIM: {error.faults[0]}")
-    truth, measured = _distribution(uncertain, found, reported, sim.abs_accel_m_s2)
+    truth, loop = _distribution(uncertain, found, reported, reconstructed, sim.abs_accel_m_s2)
     size = _rms(uncertain, sim.abs_accel_m_s2)
-    values |= measured
+    values[f"{RUN}.measured_loop_rms_error_m_s2"] = loop
     against = _rms(uncertain, reported - sim.abs_accel_m_s2)
     with np.errstate(divide="ignore", invalid="ignore"):
         values |= {
@@ -122,10 +128,33 @@ def error_after_run(uncertain: Uncertain | None, run: Run) -> AfterRun:
     return AfterRun(values, truth)
 
 
-def specimen_in_run(uncertain: Uncertain, run: Run) -> FoundSpecimen | str:
-    """Return the specimen by the floors' motion on the measured table in the run, or why the run does not tell it."""
+def samples_in_gaps(uncertain: Uncertain, series: Series) -> Array:
+    """Return the measured accelerations (c, n) in m/s^2, with those that the step did without reconstructed.
+
+    The step took what the identified rig would show under the commands that it sent. A target may hold the last one
+    that came instead: how much of that it did, the samples after the gap show.
+    """
+    lost = series.live.get("lost")
+    gaps = np.zeros(series.measured.shape[1], dtype=bool) if lost is None else np.asarray(lost) > 0
+    if not gaps.any() or gaps.all():
+        return series.measured
+    known, every = uncertain.known, np.arange(gaps.size)
+    last = np.maximum.accumulate(np.where(gaps, 0, every))  # the last step whose command came
+    held = series.command_v[last] - series.command_v
+    answered, more = (
+        at_full_rate(known.lines, known.loop.rig * known.lines.of(volts))[:, : gaps.size]
+        for volts in (series.command_v, held)
+    )
+    width = max(round(GAP_S / known.lines.dt_s), 1)
+    after = (np.convolve(gaps, np.ones(width + 1), "full")[: gaps.size] > 0) & ~gaps
+    size = float(np.sum(more[0, after] ** 2))
+    share = float(np.sum((series.measured[0] - answered[0])[after] * more[0, after])) / size if size > 0.0 else 0.0
+    return np.asarray(series.measured + np.where(gaps, min(max(share, 0.0), 1.0), 0.0) * more)
+
+
+def specimen_in_run(uncertain: Uncertain, measured: Array) -> FoundSpecimen | str:
+    """Return the specimen by the floors' motion on the measured table (c, n) in the run, or why it is not told."""
     fit, dt_s = _identified(uncertain), uncertain.setup.rig.dt_s
-    measured = run.series.measured
     low_hz = min(uncertain.setup.compared.hz[0], BELOW_FIRST * float(fit.natural_frequency_hz[0]))
     if measured.shape[1] < least_samples(fit.natural_frequency_hz, dt_s, low_hz):
         return "the run is too short to tell whether the specimen is still the identified one"
@@ -187,10 +216,18 @@ def _specimen(fit: SpecimenFit, stiffness_n_per_m: Array, damping_ratio: Array) 
     return Specimen(masses, K, modal_damping_matrix(masses, K, damping_ratio))
 
 
-def _distribution(uncertain: Uncertain, found: FoundSpecimen, reported: Array, sim: Array) -> tuple[TrueError, Values]:
-    """Return the distribution of the true error, and the loop's error as measured."""
+def _distribution(
+    uncertain: Uncertain, found: FoundSpecimen, reported: Array, reconstructed: Array, sim: Array
+) -> tuple[TrueError, Array]:
+    """Return the distribution of the true error, and the RMS (n_storeys,) of the loop's error as measured.
+
+    `reported` and `reconstructed` (n_storeys, n): as the step had the samples, and with those of gaps.
+    """
     known = uncertain.known
-    off, changed = _loop(uncertain, found, reported, sim)
+    off, changed = _loop(uncertain, found, reconstructed, sim)
+    if not np.array_equal(reconstructed, reported):
+        without, _ = _loop(uncertain, found, reported, sim)
+        changed = np.hypot(changed, GAP_ERROR * _rms(uncertain, off - without))
     loop = _rms(uncertain, off)
     linear = _linear(uncertain, found)
     lines, reference = known.lines, sim_lines(linear, known.lines, known.ground[0])
@@ -199,7 +236,7 @@ def _distribution(uncertain: Uncertain, found: FoundSpecimen, reported: Array, s
     beside = products(lines, of_each, lines.of(off))
     measured = MeasuredError(loop, beside, read, true, changed, uncertain.pitch, uncertain.pitch_error)
     truth = true_error_of_run(gram(lines, of_each), uncertain.covariance, measured)
-    return truth, {f"{RUN}.measured_loop_rms_error_m_s2": loop}
+    return truth, loop
 
 
 def _loop(uncertain: Uncertain, found: FoundSpecimen, reported: Array, sim: Array) -> tuple[Array, Array]:

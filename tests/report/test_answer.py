@@ -143,6 +143,16 @@ def test_the_cause_is_named_where_it_makes_half_of_the_squares() -> None:
     assert grade_of(values, GradeLimits()).cause == ""  # type: ignore[union-attr]
 
 
+def test_what_the_loop_does_not_explain_is_the_calibrations() -> None:
+    for loop, cause in ((0.6, "calibration"), (0.8, "friction")):
+        values = figures() | {
+            "exp_rths.measured_loop_rms_error_m_s2": np.full(3, loop),
+            "exp_rths.true_error_median_m_s2": np.ones(3),
+            "budget.rms_error_declared_m_s2": np.full(3, 9.0),  # no part of the true error
+        }
+        assert grade_of(values, GradeLimits()).cause == cause  # type: ignore[union-attr]
+
+
 def test_the_noise_of_samples_is_not_blamed_on_the_specimen() -> None:
     """The budget measures both in one; what the check predicted of the samples tells them apart."""
     rms = figures()["exp_rths.rms_error_m_s2"]
@@ -168,7 +178,7 @@ def test_limits_of_the_case_decide(tmp_path: Path) -> None:
     assert told.startswith(
         "USABLE: on a virtual rig true error below 0.200 % of SIM with 95 %, as likely as not below "
     )
-    assert "shows of it by friction" in told or "sensors show of it by friction" in told
+    assert "(storey 1), most of it by friction, if" in told
     assert told.endswith(". Limits: good 0.15 %, usable 5 %.")
 
 

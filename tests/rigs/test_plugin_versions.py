@@ -123,8 +123,8 @@ def test_an_older_package_whose_modules_have_moved_is_refused_with_their_new_pla
     with pytest.raises(InputError) as caught:
         open_plugin(INFO, {})
     assert caught.value.faults == (
-        "rig lab: plug-in shaker (shaker_package:make) was written for an older rths: it imports rths_cli.lti, which is "
-        "now rths_cli.numerics.lti; update its package",
+        "rig lab: plug-in shaker (shaker_package:make) was written for an older rths: it imports rths_cli.lti, "
+        "which is now rths_cli.numerics.lti; update its package",
     )
 
 

@@ -1,4 +1,4 @@
-"""Tables of known poles of which the data tell nothing: the root is told as not determined, and what that costs is true.
+"""Tables of known poles of which the data tell nothing: the root is not determined, and what that costs is true.
 
 The oracle is the table itself, and the scatter of fits to many noisy responses of it.
 """

@@ -10,6 +10,7 @@ import math
 import os
 import re
 import stat
+import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -25,6 +26,7 @@ MAX_NODES = 20_000
 MAX_DEPTH = 50
 MAX_DIGITS = 18
 
+_SPACES = re.compile("[\\u00a0\\u1680\\u2000-\\u200b\\u202f\\u205f\\u3000\\ufeff]")  # of other kinds than YAML's
 _TAG = "tag:yaml.org,2002:"
 _QUOTED = re.compile(r"""["\\]|^ *(?:- )*(?:\? |'':)""", re.MULTILINE)
 _SCALARS = {
@@ -182,11 +184,29 @@ def _syntax_fault(error: Exception, text: str, source: Source) -> Fault:
         elif close := re.match(r"(\s*\w+):(?=[^\s:])", before):
             written = before.strip()[:40]
             line, column, problem = line - 1, close.end(), f"a space is missing behind the colon in {written!r}"
+    if odd := _odd_space(text, line):
+        line, column, problem = odd
     if "'\\t'" in problem:
         problem = "a tab; indent with spaces"
     if "single document" in str(error):
         problem = "a second document begins here; keep one"
     return Fault(Mark(source, line, column), "", f"not valid YAML: {problem}")
+
+
+def _odd_space(text: str, last_line: int) -> tuple[int, int, str] | None:
+    """Return place and name of the last space that is none of YAML's up to a line, outside quotes and comments."""
+    found = None
+    for number, line in enumerate(text.splitlines()[:last_line], 1):
+        plain = re.sub(r"\"[^\"]*\"|'[^']*'|#.*", lambda quoted: "x" * len(quoted[0]), line)
+        if match := _SPACES.search(plain):
+            found = number, match.start() + 1, f"{_named(match[0])} stands here; type a usual space in its place"
+    return found
+
+
+def _named(space: str) -> str:
+    """Return the name of an unusual space: a no-break space, most often, as PDF and web pages hold it."""
+    name = unicodedata.name(space, "an unusual space").lower()
+    return f"a {name} (U+{ord(space):04X})"
 
 
 @dataclass
@@ -227,7 +247,10 @@ class _Converter:
         for key, value in raw.value:
             mark = Mark(self.source, key.start_mark.line + 1, key.start_mark.column + 1)
             text = self.scalar(key, mark, path) if isinstance(key, yaml.ScalarNode) else None
-            if isinstance(text, str):
+            if isinstance(text, str) and (odd := _SPACES.search(text)) and isinstance(key, yaml.ScalarNode):
+                place = replace(mark, column=mark.column + odd.start() + (key.style is not None))
+                self.faults.append(Fault(place, path, f"{_named(odd[0])} stands in a key; type a usual space, or none"))
+            elif isinstance(text, str):
                 yield mark, text, value
             else:
                 self.faults.append(Fault(mark, path, "a key must be text; quote it"))

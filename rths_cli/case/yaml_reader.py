@@ -27,6 +27,7 @@ MAX_DEPTH = 50
 MAX_DIGITS = 18
 
 _SPACES = re.compile("[\\u00a0\\u1680\\u2000-\\u200b\\u202f\\u205f\\u3000\\ufeff]")  # of other kinds than YAML's
+_STRUCTURAL = re.compile(f"(?:^|:|-) *({_SPACES.pattern})|({_SPACES.pattern}) *:")
 _TAG = "tag:yaml.org,2002:"
 _QUOTED = re.compile(r"""["\\]|^ *(?:- )*(?:\? |'':)""", re.MULTILINE)
 _SCALARS = {
@@ -194,19 +195,24 @@ def _syntax_fault(error: Exception, text: str, source: Source) -> Fault:
 
 
 def _odd_space(text: str, last_line: int) -> tuple[int, int, str] | None:
-    """Return place and name of the last space that is none of YAML's up to a line, outside quotes and comments."""
-    found = None
-    for number, line in enumerate(text.splitlines()[:last_line], 1):
+    """Return place and name of a space that is none of YAML's where YAML needs one, in a line or the one before it."""
+    for number, line in list(enumerate(text.splitlines()[:last_line], 1))[-2:]:
         plain = re.sub(r"\"[^\"]*\"|'[^']*'|#.*", lambda quoted: "x" * len(quoted[0]), line)
-        if match := _SPACES.search(plain):
-            found = number, match.start() + 1, f"{_named(match[0])} stands here; type a usual space in its place"
-    return found
+        if match := _STRUCTURAL.search(plain):
+            place = match.start(1) if match[1] else match.start(2)
+            return number, place + 1, f"{_named(plain[place])} stands here; type a usual space in its place"
+    return None
+
+
+def odd_space_in(key: str) -> tuple[int, str] | None:
+    """Return the place in a key, from 0, of a space that is none of YAML's, and a sentence on it; None without one."""
+    match = _SPACES.search(key)
+    return None if match is None else (match.start(), f"{_named(match[0])} stands in this key; type it again without")
 
 
 def _named(space: str) -> str:
     """Return the name of an unusual space: a no-break space, most often, as PDF and web pages hold it."""
-    name = unicodedata.name(space, "an unusual space").lower()
-    return f"a {name} (U+{ord(space):04X})"
+    return f"a {unicodedata.name(space, 'space of another kind').lower()} (U+{ord(space):04X})"
 
 
 @dataclass
@@ -247,10 +253,7 @@ class _Converter:
         for key, value in raw.value:
             mark = Mark(self.source, key.start_mark.line + 1, key.start_mark.column + 1)
             text = self.scalar(key, mark, path) if isinstance(key, yaml.ScalarNode) else None
-            if isinstance(text, str) and (odd := _SPACES.search(text)) and isinstance(key, yaml.ScalarNode):
-                place = replace(mark, column=mark.column + odd.start() + (key.style is not None))
-                self.faults.append(Fault(place, path, f"{_named(odd[0])} stands in a key; type a usual space, or none"))
-            elif isinstance(text, str):
+            if isinstance(text, str):
                 yield mark, text, value
             else:
                 self.faults.append(Fault(mark, path, "a key must be text; quote it"))

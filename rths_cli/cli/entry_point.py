@@ -19,7 +19,7 @@ import click
 from rths_cli.cli.command_group import SIGNALS, cli
 from rths_cli.cli.completion import FileOfKind
 from rths_cli.cli.logs import LOG, PRINTED, end_logs
-from rths_cli.errors import InputError, RthsError, crash_note
+from rths_cli.errors import InputError, RthsError, crash_note, out_of_memory
 from rths_cli.interrupts import INTERRUPTED, TERMINATED, Terminated, any_abandoned
 from rths_cli.safe_text import OutputError, PrintedStream, shortened
 
@@ -27,6 +27,7 @@ BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREA
 
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 NEW_OBJECTS = 300_000  # between two searches for unreachable objects; the libraries of a run make 200,000 that stay
+LOWERS_SAFETY = ("--override", "--yes", "--move")  # options that a person types in full, or not at all
 LONGEST_SENTENCE = 1000  # characters of a fault: what is longer repeats an input
 
 
@@ -125,7 +126,8 @@ def usage_sentence(error: click.ClickException) -> str:
             return f"{name.upper().removesuffix('S')} is missing; rths list {option.type.kind} shows what can be named"
     if isinstance(error, click.NoSuchOption):  # versions of click word it differently
         said = f"No such option {error.option_name!r}"
-        said += f". Did you mean {error.possibilities[0]!r}?" if error.possibilities else ""
+        near = [option for option in error.possibilities or () if option not in LOWERS_SAFETY]
+        said += f". Did you mean {near[0]!r}?" if near else ""
     if isinstance(error, click.NoSuchOption | click.MissingParameter) and error.ctx is not None:
         return f"{said}{'' if said.endswith('?') else ';'} rths {error.ctx.info_name} --help lists what it takes"
     if choice := re.search(r"'(.*)' is not one of (.*)", said):
@@ -153,6 +155,8 @@ def _fault_of_ours(error: Exception) -> int:
     if isinstance(error, OSError) and error.errno in NO_SPACE:
         where = f"{error.filename}: " if error.filename else ""
         return _say([f"rths: {where}{error.strerror}; free some space and start again"], 2)
+    if told := out_of_memory(error):
+        return _say([f"rths: {told}"], 2)
     return _say([f"rths: internal error ({type(error).__name__}); {crash_note()}"], 5)
 
 

@@ -267,7 +267,7 @@ def repeated(
     """
     for attempt in range(1, MOST_PLAYED + 1):
         this = what if attempt == 1 else f"{what}, attempt {attempt} of {MOST_PLAYED}"
-        progress(this)
+        progress(this if setup.rig.can.counts_steps else f"{this}: getting ready, nothing moves yet")
         try:
             return excite(setup, command_v, stream=stream, progress=partial(_said_of, progress, this))
         except SamplesLost as lost:

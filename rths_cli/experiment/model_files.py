@@ -35,7 +35,7 @@ from rths_cli.quantities import attribute_fault
 from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES
 from rths_cli.rigs.description import capabilities_of
 from rths_cli.rigs.from_case import laboratory_number
-from rths_cli.user_cache import user_cache
+from rths_cli.user_cache import cache_or_temporary
 from rths_cli.version import __version__
 
 # they choose the instructions of BLAS, numpy and the C library, and with them the last bits of an identification
@@ -232,11 +232,11 @@ class Cache:
 
     def __init__(self, fresh: bool = False, folder: Path | None = None) -> None:
         self._fresh = fresh
-        self._folder = folder or user_cache() / "models"
+        self._folder = folder or cache_or_temporary() / "models"
 
     def has(self, setup: Setup) -> bool:
         """Return whether there is a model of the same rig, specimen, settings, seed, software and kind of processor."""
-        return not self._fresh and self.path(setup).exists()
+        return not self._fresh and os.path.exists(self.path(setup))
 
     def find(self, setup: Setup) -> Stored | None:
         """Return the model of the same rig, specimen, settings, seed, software and kind of processor, or None."""

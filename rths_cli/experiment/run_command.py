@@ -13,7 +13,7 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from rths_cli.errors import InputError, RthsError, crash_note
+from rths_cli.errors import InputError, RthsError, crash_note, out_of_memory
 from rths_cli.experiment.allocator_settings import keep_freed_memory
 from rths_cli.experiment.case_warnings import baseline_note
 from rths_cli.experiment.check_command import verdict_on
@@ -210,6 +210,8 @@ def run_one(
         return _failed(setup, path, taken, "; ".join(before_error(unit_doubts(setup), error)), error.exit_code)
     except Exception as error:
         tell("")  # a signal that arrived during a compilation ends the batch here
+        if told := out_of_memory(error):
+            return _failed(setup, path, taken, told, 2)
         return _failed(setup, path, taken, f"internal error ({type(error).__name__}), {crash_note()}", 5)
 
 

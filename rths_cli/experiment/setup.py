@@ -24,7 +24,7 @@ from rths_cli.numerics.lti import Array
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import metrics_of
 from rths_cli.rigs.description import RigInfo
-from rths_cli.rigs.from_case import calibration_faults, rig_info, true_values
+from rths_cli.rigs.from_case import calibration_faults, rig_info, skew_faults, true_values
 from rths_cli.structure import Building, Similitude, build, similitude_of
 
 if TYPE_CHECKING:
@@ -128,6 +128,8 @@ def make_setup(
         true_values(case, info)
     except InputError as error:
         raise InputError(*(placed(case, fault) for fault in error.faults)) from error
+    if faults := skew_faults(case, info):
+        raise InputError(*(placed(case, fault) for fault in faults))
     setup = Setup(
         case, motion, record_sha256, building, info, masses, overrides, dict(parts or {}), samples, baseline=baseline
     )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis.metrics import room_for_pairs
-from rths_cli.errors import InputError, RthsError, crash_note
+from rths_cli.errors import InputError, RthsError, crash_note, out_of_memory
 from rths_cli.experiment import residual_drift, run_metrics, true_reference
 from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.design import design_blocks
@@ -200,6 +200,8 @@ def failed(row: Row, error: Exception) -> Row:
     """Return the row of a run that an error ended."""
     if isinstance(error, RthsError):
         return replace(row, status="failed", reason=str(error), exit_code=error.exit_code)
+    if told := out_of_memory(error):
+        return replace(row, status="failed", reason=told, exit_code=2)
     reason = f"internal error ({type(error).__name__}), {crash_note()}"
     return replace(row, status="failed", reason=reason, exit_code=5)
 

@@ -7,12 +7,14 @@ where a short gap allows it, bridged by `mend`. `choose` finds the channels an i
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import read_whole
+from rths_cli.files.foreign_texts import lost_scans
 from rths_cli.files.measured_data.channel_roles import Chosen, choose
 from rths_cli.files.measured_data.channel_starts import aligned, differ, shifts
 from rths_cli.files.measured_data.file_formats import READ, read_contents
@@ -61,10 +63,11 @@ def read_recording(path: Path, dt_s: float | None = None) -> Recording:
         faults += fault.faults
     if faults:
         raise InputError(*faults)
+    columns, lost = _without_lost_scans(columns)
     columns, moved = aligned(path, columns, interval)
     samples, infinite = _without_infinite(columns, _spread(np.stack([c.values for c in columns]), clock))
     units, doubts = _units(columns, contents.exact)
-    notes = (*contents.notes, *(clock.notes if clock else ()), *moved, *doubts, *infinite)
+    notes = (*contents.notes, *(clock.notes if clock else ()), *lost, *moved, *doubts, *infinite)
     names = tuple(c.name for c in columns)
     return Recording(path, hashlib.sha256(data).hexdigest(), interval, names, units, samples, notes)
 
@@ -105,6 +108,19 @@ def _spread(samples: Array, clock: Clock | None) -> Array:
     spread = np.full((samples.shape[0], int(clock.index[-1]) + 1), np.nan)
     spread[:, clock.index] = samples
     return spread
+
+
+def _without_lost_scans(columns: tuple[Column, ...]) -> tuple[tuple[Column, ...], list[str]]:
+    """Return the channels with NaN where a recorder wrote -9999 for a lost scan, and a sentence for each with any."""
+    found, notes = [], []
+    for column in columns:
+        lost = lost_scans(column.values)
+        if lost.any():
+            count = int(lost.sum())
+            which = "1 sample reads" if count == 1 else f"{count} samples read"
+            notes.append(f"{column.name}: {which} exactly -9999, as recorders write for lost scans; taken as missing")
+        found.append(replace(column, values=np.where(lost, np.nan, column.values)) if lost.any() else column)
+    return tuple(found), notes
 
 
 def _without_infinite(columns: tuple[Column, ...], samples: Array) -> tuple[Array, list[str]]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.files.foreign_texts import format_of, is_date
 from rths_cli.files.measured_data.channel_starts import states_start
 from rths_cli.files.measured_data.recording import Column, Contents
 from rths_cli.files.measured_data.sample_interval import stated_interval
@@ -53,6 +54,9 @@ def text_contents(path: Path, text: str) -> Contents:
     long = next((k for k, line in enumerate(lines, 1) if len(line) > _LONGEST_LINE), None)
     if long is not None:
         raise InputError(f"{path}:{long}: {len(lines[long - 1])} characters in a line, at most {_LONGEST_LINE}; cut it")
+    foreign = format_of(lines)
+    if foreign and not foreign.startswith("is a LabVIEW"):  # which is read where its names fit its columns
+        raise InputError(f"{path}: {foreign}")
     while lines and not lines[-1].strip(" ,;\t"):
         lines.pop()
     layout = _layout(path, lines)
@@ -69,6 +73,8 @@ def text_contents(path: Path, text: str) -> Contents:
 def _layout(path: Path, lines: list[str]) -> Layout:
     """Find the first row of numbers and read what stands above it."""
     index = next((k for k, line in enumerate(lines[:_HEADER_LINES]) if _is_row(line)), None)
+    if index is None and (dated := _dated(path, lines)):
+        raise InputError(dated)
     if index is None:
         raise InputError(
             f"{path}: no row of numbers in the first {_HEADER_LINES} lines; give names in the first line, then one row "
@@ -108,6 +114,20 @@ def _starts(line: str, separator: str | None, count: int) -> tuple[float | None,
     states; () for any other line."""
     name, values = _of_columns(line, separator)
     return (None, *values, *(None,) * count)[:count] if values and states_start(name) else ()
+
+
+def _dated(path: Path, lines: list[str]) -> str:
+    """Return a sentence on the first row whose cells are numbers but for a date or a time of day, "" without one."""
+    for number, line in enumerate(lines[:_HEADER_LINES], 1):
+        cells = _cells(line, _separator(line))
+        dates = [cell for cell in cells if is_date(cell)]
+        others = [cell for cell in cells if not is_date(cell)]
+        if dates and others and all(map(_is_number, others)):
+            return (
+                f"{path}:{number}: column {cells.index(dates[0]) + 1} holds dates or times of day ({dates[0][:40]!r}); "
+                "give the time in s from the start, or remove the column and give --rate"
+            )
+    return ""
 
 
 def _is_row(line: str) -> bool:

@@ -84,6 +84,8 @@ def test_code_that_raises_fails_the_page(tmp_path: Path) -> None:
 
 PRINTED = """note                    true error: with 95 % below 9.2 % of SIM-DELAY's error (storey 2), below 3.9
                         % with 50 %, 5 % by sensors
+note                    weighing floor_3 to 0.1 % would lower it
+                        to 6.1 %
 
 storey      displ      drift   EXP-RTHS
 3 roof       15.6       3.80     0.0317
@@ -107,6 +109,10 @@ def shown(text: str) -> Block:
         ("true error: below 9.2 % of SIM-DELAY's error (storey 2) and 3\n% with 40 % by masses\n",
          "true error: with 95 % below 9.2 % of SIM-DELAY's error (storey 2), below 3.9\n% with 50 %, 5 % by sensors\n",
          "other words"),
+        ("true error: with 95 % below 9 % of SIM-DELAY's error (storey 2), below\n3 % with 50 %, 5 % by sensors\n"
+         "weighing floor_3 to 0.1 % would lower it to\n6.1 %\n",
+         "true error: with 95 % below 9.2 % of SIM-DELAY's error (storey 2), below 3.9\n% with 50 %, 5 % by sensors\n"
+         "weighing floor_3 to 0.1 % would lower it\nto 6.1 %\n", "other words"),
         ("never like this\n", "never like this\n", "is not printed"),
     ],
 )  # fmt: skip

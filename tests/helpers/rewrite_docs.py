@@ -70,8 +70,8 @@ def _paragraph(shown: Sequence[str], printed: Sequence[str], first: int) -> tupl
     if start is None or end is None:
         return list(shown), first, f"is not printed, rewrite it: {shown[0]!r}"
     column = max(printed[start].find(shown[0].split()[0]), 0) if shown[0][0] != " " else 0  # behind a label
-    first_line, *others = printed[start : end + 1]
-    taken = [first_line[column:], *(line if line[:column].strip() else line[column:] for line in others)]
+    lines = printed[start : end + 1]
+    taken = [line[column:] if line[:column].endswith("  ") else line for line in lines]
     return [line.rstrip() for line in taken], end + 1, f"other words, look at its lines: {shown[0]!r}"
 
 
@@ -158,7 +158,7 @@ def main(pages: Sequence[Path]) -> int:
     os.environ["COLUMNS"] = "100"  # as in a pipe, and as in the tests
     if not pages:
         subprocess.run([sys.executable, str(Path(__file__).with_name("docs_reference.py"))], check=True)
-    for page in pages or (ROOT / "README.md", *stories()):
+    for page in pages or [page for page in (ROOT / "README.md", *stories()) if "```text" in page.read_text("utf-8")]:
         for line in rewrite_page(page):
             print(line, flush=True)
     if not pages:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from bench import LINEAR, rig_info, specimen
 from campaigns import step_in_c, step_run
+from campaigns.step_comparison import SHIPPED, both, differences
 from hybrid import best_like, ground, open_limits, paper_like
 
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
@@ -19,9 +20,6 @@ from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.virtual.virtual_rig import build_plant
 
 STEPS = 2000
-SAME = 1e-12  # of a signal's peak: rounding, in another order, that a hundred thousand steps pass on
-SAME_MEMORY = 1e-9  # of the largest one: some are small differences of large numbers, as what rounding carries over
-SHIPPED = ("el_centro_low_ff", "el_centro_low_ff_fb", "hachinohe_low_ff", "hachinohe_low_ff_fb")
 FRICTION, FORCE_LIMIT = VirtualPhysics(), VirtualPhysics(force_limit_n=12.0)
 pytestmark = pytest.mark.skipif(step_in_c.compiler() is None, reason="no C compiler here")
 
@@ -40,35 +38,11 @@ def given(
     return step_run.Inputs(build_plant(info, physics, specimen(), noise_rms), blocks, open_limits(info), drive, noise)
 
 
-def both(library: ctypes.CDLL, inputs: step_run.Inputs) -> tuple[step_run.State, step_run.State, int]:
-    """Play the inputs by our step and in C; return both states and the steps done."""
-    ours, theirs = step_run.fresh(inputs), step_run.fresh(inputs)
-    done = step_run.bound(inputs, ours)()
-    assert step_in_c.bound(library, inputs, theirs)() == done
+def played(library: ctypes.CDLL, inputs: step_run.Inputs) -> tuple[step_run.State, step_run.State, int]:
+    """Play the inputs by both, which must do the same; return both states and the steps done."""
+    ours, theirs, done, done_in_c = both(library, inputs)
+    assert list(differences(ours, theirs, done, done_in_c)) == []
     return ours, theirs, done
-
-
-def assert_same(ours: step_run.State, theirs: step_run.State, done: int) -> None:
-    """Compare every signal, the guard's flags, and what table, numerical part and controllers remember."""
-    for name in step_run.SIGNALS:
-        one, two = (getattr(state.signals, name)[..., :done] for state in (ours, theirs))
-        assert np.abs(one).max() > 0.0, name
-        np.testing.assert_allclose(two, one, rtol=0.0, atol=SAME * np.abs(one).max(), err_msg=name)
-    for one, two in zip(remembered(ours), remembered(theirs), strict=True):
-        np.testing.assert_allclose(two, one, rtol=0.0, atol=SAME_MEMORY * np.abs(one).max())
-    np.testing.assert_array_equal(ours.guard.flags, theirs.guard.flags)
-
-
-def remembered(state: step_run.State) -> tuple[Array, ...]:
-    s = state.step
-    return (
-        state.guard.energy,
-        state.guard.seen,
-        state.guard.moved,
-        s.expected,
-        state.table.state,
-        s.state,
-    )
 
 
 @pytest.mark.parametrize("case", SHIPPED)
@@ -76,11 +50,10 @@ def test_a_shipped_case_is_the_one_of_c(library: ctypes.CDLL, memory: Memory, ca
     """The whole record with all defaults, among them the feedforward of the specimen's reaction and of friction."""
     setup, blocks = step_run.prepared(memory, case)
     inputs = step_run.inputs(setup, blocks)
-    ours, theirs, done = both(library, inputs)
+    ours, theirs, done = played(library, inputs)
     forward = ours.step.feedforward
     assert done == len(inputs.drive) and forward.command_v > 0.0
     assert forward.inverse.block.given.size == forward.inverse.block.states + 3 + len(setup.rig.channels)
-    assert_same(ours, theirs, done)
     assert np.array_equal(ours.signals.command_v, theirs.signals.command_v)
 
 
@@ -93,18 +66,15 @@ def test_every_signal_is_the_one_of_c(
     library: ctypes.CDLL, physics: VirtualPhysics, latency: int, scale: float, best: bool
 ) -> None:
     inputs = given(physics, rig_info(latency_samples=latency), scale * ground(STEPS), best=best)
-    ours, theirs, done = both(library, inputs)
-    assert done == STEPS
-    assert_same(ours, theirs, done)
+    assert played(library, inputs)[2] == STEPS
 
 
 @pytest.mark.parametrize("scale", [8.0, -8.0])
 def test_the_feedback_is_clipped_as_in_c(library: ctypes.CDLL, scale: float) -> None:
     inputs = given(FRICTION, rig_info(), scale * ground(STEPS))
     tight = replace(inputs, blocks=replace(inputs.blocks, feedback_limit_v=1e-3))
-    ours, theirs, done = both(library, tight)
-    assert_same(ours, theirs, done)
-    free = both(library, inputs)[0]
+    ours = played(library, tight)[0]
+    free = played(library, inputs)[0]
     assert not np.array_equal(ours.signals.command_v, free.signals.command_v)
 
 
@@ -124,14 +94,13 @@ def test_the_guard_stops_as_in_c(library: ctypes.CDLL, limit: str) -> None:
         stroke_m=0.079, velocity_m_s=1.0, acceleration_m_s2=45.0, command_v=10.0, energy_floor_j=1e-5
     )
     tight, reason = TIGHT[limit]
-    ours, theirs, done = both(library, replace(inputs, limits=limits._replace(**{limit: tight})))
+    ours = played(library, replace(inputs, limits=limits._replace(**{limit: tight})))[0]
     assert ours.guard.flags[1] == reason
-    assert_same(ours, theirs, done)
 
 
 def test_a_linear_table_is_the_one_of_c(library: ctypes.CDLL) -> None:
     inputs = given(LINEAR, rig_info(low_pass_hz=0.0), ground(STEPS), noise_rms=0.0)
-    assert_same(*both(library, inputs))
+    played(library, inputs)
 
 
 def test_a_structure_of_another_size_is_refused(library: ctypes.CDLL) -> None:

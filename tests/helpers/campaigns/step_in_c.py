@@ -33,10 +33,10 @@ def compiler() -> str | None:
     return shutil.which(os.environ.get("CC", "cc"))
 
 
-def compiled(folder: Path) -> ctypes.CDLL:
+def compiled(folder: Path, source: Path = SOURCE) -> ctypes.CDLL:
     """Compile step.c into a folder and load it; raises CalledProcessError when the compiler refuses it."""
     library = folder / "step.so"
-    subprocess.run([str(compiler()), *OPTIONS, "-o", str(library), str(SOURCE), "-lm"], check=True)
+    subprocess.run([str(compiler()), *OPTIONS, "-o", str(library), str(source), "-lm"], check=True)
     return ctypes.CDLL(str(library))
 
 

@@ -16,6 +16,7 @@ from rths_cli.analysis.changed_specimen import error_if_changed
 from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, loop_roots, modes_in_loop, slow_roots
 from rths_cli.analysis.closed_loop_response import loop_response
 from rths_cli.analysis.critical_delay import critical_delay
+from rths_cli.analysis.few_bits import few_bits
 from rths_cli.analysis.fourier_lines import lines_for
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.predicted_error import Known, predict
@@ -149,6 +150,9 @@ def _judge_one(
     counters = as_designed.blocks.friction_compensation
     known = replace(known, slow_roots=slow_roots(matrix, dt, known.lines.padded * dt), compensation=counters)
     prediction = predict(known)
+    if found.radius < 1.0 and (few := few_bits(known, prediction)) is not None:
+        known = replace(known, few_bits=few)
+        prediction = predict(known)
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
     strays = preflight.strays(known, found)
     rows = preflight.reach(known, prediction, setup.rig, masses, strays)

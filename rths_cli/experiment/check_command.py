@@ -20,7 +20,7 @@ from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import make_setups, refuse_unstable_steps, shown
-from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
+from rths_cli.experiment.unit_plausibility import before_error, keys_in_doubt, unit_doubts
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 from rths_cli.numerics.shared_values import SharedValues
@@ -103,6 +103,7 @@ class Checked:
     warnings: tuple[str, ...] = ()  # further sentences, which do not change the verdict
     metrics: Values = field(default_factory=dict)  # by path
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
+    doubted: tuple[str, ...] = ()  # keys whose numbers seem to be in another unit; the verdict holds if they are right
 
     @property
     def exit_code(self) -> int:
@@ -226,7 +227,9 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
         known = memory.at_rest(setup, progress)
     except (RigError, LimitError) as error:
         doubts = unit_doubts(setup)
-        return Checked(_about(setup, "none"), UNSAFE, before_error(doubts, error), doubts)
+        return Checked(
+            _about(setup, "none"), UNSAFE, before_error(doubts, error), doubts, doubted=keys_in_doubt(setup)
+        )
     found = verdict_on(setup, known)
     figures = (
         {} if found.design is None else result_contents.design_figures(setup, known.found, found.design) | found.figures
@@ -234,7 +237,8 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     told = () if "model" in setup.overrides else known.found.reasons
     notes = tuple(note for note in of_case(setup, known.found, found.design) if note not in told)
     notes = (*filter(None, (found.said, found.advice)), *notes)
-    return Checked(_about(setup, known.source), found.verdict, found.reasons, notes, figures, found.tangents)
+    about, doubted = _about(setup, known.source), keys_in_doubt(setup)
+    return Checked(about, found.verdict, found.reasons, notes, figures, found.tangents, doubted)
 
 
 def _about(setup: Setup, model: str) -> Tested:

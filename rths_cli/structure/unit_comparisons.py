@@ -15,8 +15,8 @@ from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.structure.shear_chain import mode_shapes, storey_values
 
 if TYPE_CHECKING:
+    from rths_cli.case.structure_schema import DampingSpec, StructureSpec
     from rths_cli.numerics.lti import Array
-    from rths_cli.structure.building import DampingSpec, StructureSpec
     from rths_cli.structure.substructures import Building
 
 LARGEST_DRIFT_M = 10.0  # of a storey under 1 g sideways; by P-Delta, a storey lower than this drift does not stand

@@ -28,6 +28,8 @@ NO_QUANTITY = ("seed", "records", "order", "bits", "latency_samples", "lost_samp
 """Seeds, counts and signs, which have no unit: another one is another test, not the same in another unit."""
 SHIPPED = ("el_centro_low_ff_fb", "el_centro_base_isolated", "el_centro_viscous_damper", "el_centro_tuned_mass_damper")
 REAL = ("udp_example", "ni_example")
+GUARDED = ("table.limits.", "table.nominal.", "table.sensors.sensitivity", "table.sensors.range", "masses_kg")
+"""Keys whose slip by a prefix switches a protection off, or makes another building."""
 Place = tuple[str | int, ...]
 G = 9.81
 
@@ -149,6 +151,21 @@ def fates(data: Mapping[str, dict[str, Any]], folder: Path) -> Iterator[Fate]:
         written, shared = read_case(case), SharedValues()
         for slip in slips(name, case, folder):
             yield fate_of(slip, written, shared)
+
+
+def factor_of(slip: Slip) -> float:
+    """Return which of FACTORS a slip multiplies or divides by."""
+    return next(one for one in FACTORS if np.isclose(slip.factor, one) or np.isclose(slip.factor, 1.0 / one))
+
+
+def must_be_noticed(slip: Slip) -> bool:
+    """Return whether a slip is one by a prefix, of a number on which a protection or the building depends."""
+    return factor_of(slip) in (1e3, 1e6) and any(part in slip.key for part in GUARDED)
+
+
+def right_doubts(seed: int) -> tuple[str, ...]:
+    """Return the doubts on a right building on a right rig."""
+    return tuple(one.sentence for one in doubts(make_setup(load_cases([right_case(seed)])[0])))
 
 
 def _warnings(setup: Setup) -> list[str]:

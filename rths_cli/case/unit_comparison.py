@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite, log
 
 POUND_KG, GRAVITY, INCH_MM = 0.45359237, 9.80665, 25.4
@@ -37,6 +38,7 @@ class Comparison:
     others: tuple[str, ...] = ()
     quantity: str = ""
     asked: str = ""  # the question; default: whether it is in its unit
+    suspect: str = ""  # the one of `others` that disagrees with further numbers, too
     power: float = 1.0  # of the key's number in `value`: 0.5 for a frequency that follows from a mass
 
     @property
@@ -68,7 +70,9 @@ class Comparison:
         named = f" ({', '.join(self.others)})" if self.others else ""
         said = f"{self.key}: {self.quantity}{', ' if self.quantity else ''}{self.value:.6g}{unit} is "
         said += f"{self.ratio:.3g} times {self.against}{named}, {self.figure:.3g}{unit}; usual is {self._usual}"
-        if slip := self.slip:
+        if self.suspect:
+            said += f"; {self.suspect} disagrees with others, too"
+        elif slip := self.slip:
             would = "" if self.quantity else f", {self.value / slip[0]:.4g}{unit} would fit"
             said += f"; likely a factor of {slip[1]}{would}"
         return f"{said}: {self.asked or (f'is it in {self.unit}?' if self.unit else 'is it right?')}"
@@ -84,12 +88,17 @@ class Comparison:
 
 def doubts_of(comparisons: Iterable[Comparison]) -> Iterator[Comparison]:
     """Yield the comparisons that do not agree: the first one of each key, and none with a number that is doubted
-    itself, from which it would follow."""
+    already, from which it would follow. A number that more of them have in common is the suspect of the first."""
+    doubtful = [one for one in comparisons if one.doubtful]
+    common = Counter(key for one in doubtful for key in {one.key, *one.others})
     doubted: set[str] = set()
-    for one in comparisons:
-        if one.doubtful and not doubted & {one.key, *one.others}:
-            doubted.add(one.key)
-            yield one
+    for one in doubtful:
+        if doubted & {one.key, *one.others}:
+            continue
+        suspect = max(one.others, key=lambda key: common[key], default=one.key)
+        suspect = suspect if common[suspect] > common[one.key] else ""
+        doubted |= {one.key, suspect}
+        yield replace(one, suspect=suspect)
 
 
 def among_equals(values: dict[str, list[float]], unit: str) -> Iterator[Comparison]:

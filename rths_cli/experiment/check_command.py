@@ -227,7 +227,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
         known = memory.at_rest(setup, progress)
     except (RigError, LimitError) as error:
         doubts = unit_doubts(setup)
-        return Checked(_about(setup, "none"), UNSAFE, before_error(doubts, error), doubts, doubted=keys_in_doubt(setup))
+        return Checked(_about(setup, "none"), UNSAFE, before_error(setup, error), doubts, doubted=keys_in_doubt(setup))
     found = verdict_on(setup, known)
     figures = (
         {} if found.design is None else result_contents.design_figures(setup, known.found, found.design) | found.figures

@@ -21,7 +21,7 @@ from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, run_case, worst_code
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup
-from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
+from rths_cli.experiment.unit_plausibility import before_error
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.interrupts import ended_by
 from rths_cli.numerics.shared_values import SharedValues
@@ -120,9 +120,6 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     memory, shared = Memory(Cache(request.fresh)), SharedValues()
     jobs = plan(request, memory, shared)
     shared.size = most_kept(jobs)
-    real = [setup for setup, _ in jobs if setup.rig.can.moves_hardware]
-    for doubt in dict.fromkeys(doubt for setup in real for doubt in unit_doubts(setup)):
-        watcher.warning(doubt)  # before anybody permits a motion; of a virtual rig the answer tells
 
     def predicted(setup: Setup) -> Values:
         from rths_cli.files.imported_models import is_foreign
@@ -179,7 +176,7 @@ def run_one(
             return run_case(setup, path, memory, command_line, tell, shared, series=series)
         return _run_real(setup, path, memory, shared, command_line, tell, watcher)
     except RthsError as error:
-        return _failed(setup, path, taken, "; ".join(before_error(unit_doubts(setup), error)), error.exit_code)
+        return _failed(setup, path, taken, "; ".join(before_error(setup, error)), error.exit_code)
     except Exception as error:
         tell("")  # a signal that arrived during a compilation ends the batch here
         return _failed(setup, path, taken, f"internal error ({type(error).__name__}), {crash_note()}", 5)

@@ -23,7 +23,7 @@ def doubts(setup: Setup) -> tuple[Comparison, ...]:
     """Return the doubts on the units of a case, those on the building first, without those that the case calls
     plausible (`plausible`)."""
     consented = setup.case.plausible or ()
-    return tuple(one for one in doubts_of(_comparisons(setup)) if one.key not in consented)
+    return tuple(doubts_of(one for one in _comparisons(setup) if one.key not in consented))
 
 
 def unit_doubts(setup: Setup) -> tuple[str, ...]:
@@ -37,11 +37,6 @@ def unit_doubts(setup: Setup) -> tuple[str, ...]:
 def keys_in_doubt(setup: Setup) -> tuple[str, ...]:
     """Return the keys whose values speak for another unit than they must have, each once."""
     return tuple(dict.fromkeys(one.key for one in doubts(setup)))
-
-
-def key_in_doubt(setup: Setup) -> str:
-    """Return the first key whose value speaks for another unit than it must have, "" if none does."""
-    return next(iter(keys_in_doubt(setup)), "")
 
 
 def doubts_building(setup: Setup) -> bool:
@@ -74,8 +69,10 @@ def _comparisons(setup: Setup) -> Iterator[Comparison]:
     yield from of_case(case)
 
 
-def before_error(doubts: Sequence[str], error: Exception) -> tuple[str, ...]:
-    """Return doubts on units and the error that followed, without its figures and advice, which are of other causes."""
-    if not doubts:
-        return (str(error),)
-    return (*doubts, f"a wrong unit would explain what followed: {re.split('[,;] ', str(error))[0]}")
+def before_error(setup: Setup, error: Exception) -> tuple[str, ...]:
+    """Return doubts on units and the error that followed; where building or record are doubted, without its figures and
+    advice, which are of other causes."""
+    told, said = unit_doubts(setup), str(error)
+    if doubts_building(setup):
+        said = f"a wrong unit would explain what followed: {re.split('[,;] ', said)[0]}"
+    return (*told, said)

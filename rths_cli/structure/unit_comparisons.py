@@ -40,9 +40,10 @@ def drift_under_1_g(building: Building) -> Array:
 
 def of_building(spec: StructureSpec, building: Building) -> Iterator[Comparison]:
     """Yield what the numbers of a building are compared with."""
-    yield from _of_drifts(spec, building)
     yield from _of_masses(spec)
+    yield from _of_drifts(spec, building)
     yield from _of_stiffness(spec)
+    yield from _of_table(spec)
     yield from _of_heights(spec, building)
     yield from _of_laws(spec, building)
 
@@ -89,7 +90,7 @@ def _of_drifts(spec: StructureSpec, building: Building) -> Iterator[Comparison]:
     said = f"first mode {hz:.2g} Hz: the drift of storey {worst + 1}, the largest under 1 g sideways"
     yield Comparison(springs, float(drift[worst]), "m", "1 m", 1.0, 0.0, LARGEST_DRIFT_M, masses, said, asked)
     yield Comparison(
-        masses[0], hz, "Hz", "1 Hz", 1.0, 0.0, STIFFEST_HZ, (masses[1], springs), "the first mode", asked, 0.5
+        masses[0], hz, "Hz", "1 Hz", 1.0, 0.0, STIFFEST_HZ, (masses[1], springs), "the first mode", asked, power=0.5
     )
 
 
@@ -104,6 +105,12 @@ def _of_masses(spec: StructureSpec) -> Iterator[Comparison]:
     yield from among_equals({keys[0]: list(own), keys[1]: list(on_table)}, "kg")
     for key, masses in zip(keys, (own, on_table), strict=True):
         yield from _against_others(key, masses, "kg", "floors of this part", 1.0 / IN_A_PART, IN_A_PART)
+
+
+def _of_table(spec: StructureSpec) -> Iterator[Comparison]:
+    """Yield the comparisons of what stands on the table."""
+    own, on_table = spec.numerical.masses_kg, spec.experimental.masses_kg
+    keys = (f"{NUMERICAL}.masses_kg", f"{EXPERIMENTAL}.masses_kg")
     weight = sum(on_table) + spec.interface_experimental_mass_kg
     lightest = "the lightest specimen that a table shakes"
     yield Comparison(keys[1], weight, "kg", lightest, LIGHTEST_SPECIMEN_KG, 1.0, inf, (), "the specimen")

@@ -21,6 +21,7 @@ from rths_cli.experiment.check_command import check_cases, verdict_on
 from rths_cli.experiment.identify_command import Asked, make_model
 from rths_cli.experiment.identify_on_rig import UnfitRig
 from rths_cli.experiment.model_choice import Known, Memory
+from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.run_command import Request, run_batch
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.table_runs_of_case import why_none
@@ -229,9 +230,9 @@ def test_a_rejected_model_is_not_the_first_reason(tmp_path: Path, default_identi
     assert why_none(setup, Known(default_identification, "test"), verdict_on(setup, known, False)) in ("", doubt)
 
 
-@pytest.mark.parametrize(("rig", "asked"), [("aps400_virtual", 0), ("udp_example", 1)])
-def test_identification_asks_before_it_excites_a_real_rig_and_before_it_blames_a_channel(
-    rig: str, asked: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("rig", "moves"), [("aps400_virtual", True), ("udp_example", False)])
+def test_identification_doubts_before_it_excites_a_real_rig_and_before_it_blames_a_channel(
+    rig: str, moves: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said: list[str] = []
 
@@ -242,7 +243,16 @@ def test_identification_asks_before_it_excites_a_real_rig_and_before_it_blames_a
     monkeypatch.setattr(identify_command, "measure", measure)
     path = case_of(tmp_path, MISTAKES["stiffness in kN/m"][0], table=rig)
     wanted = Asked(str(path), (), output=tmp_path / "m.h5", draw=False)
-    made = make_model(wanted, lambda _: None, warn=said.append)
+
+    def permit(setup: Setup) -> None:
+        ask_to_move([setup], False, lambda lines: True)
+
+    if not moves:
+        with pytest.raises(InputError) as refused:
+            make_model(wanted, lambda _: None, permit)
+        assert re.search(SOFT, refused.value.faults[0]) and "plausible: [structure" in refused.value.faults[-1]
+        assert said == []
+        return
+    made = make_model(wanted, lambda _: None, permit)
     assert made.unfit is not None and re.search(SOFT, made.unfit.faults[0])
-    assert made.unfit.faults[1:] == ("channel floor_5: dead",)
-    assert said == [*made.unfit.faults[:asked], "excited"]
+    assert made.unfit.faults[1:] == ("channel floor_5: dead",) and said == ["excited"]

@@ -361,6 +361,12 @@ class CaseKeys(Strict):
         default=GradeLimitsSpec(),
         description="from which bounds of the true error on a test is no longer called good, or usable",
     )
+    plausible: tuple[Annotated[str, Field(min_length=1, max_length=100)], ...] | None = Field(
+        default=None,
+        max_length=100,
+        description="keys whose doubted numbers are right, by path (table.limits.force_n): the doubt is no longer "
+        "told, and a real rig moves",
+    )
     seed: Seed = Field(default=0, description="seed of the noise in the runs")
     notes: str = Field(default="", description="any text; it goes into the result")
     reference: ReferenceSpec | None = Field(default=None, description="published figures to print beside ours")

@@ -27,7 +27,7 @@ from rths_cli.experiment.planned_motion import guard_figures, guard_sentences, p
 from rths_cli.experiment.session import wants_session_record
 from rths_cli.experiment.setup import make_setups, placed, refuse_unstable_steps, shown
 from rths_cli.experiment.table_test_check import judge_table_test
-from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
+from rths_cli.experiment.unit_plausibility import before_error, keys_in_doubt, unit_doubts
 from rths_cli.identification.low_level_probe import probe_plan
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
@@ -139,6 +139,7 @@ class Checked:
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
     of_guard: tuple[str, ...] = ()  # sentences on the guard's limits
     runs: tuple[tuple[str, str], ...] = ()  # label and verdict of each table run
+    doubted: tuple[str, ...] = ()  # keys whose numbers seem to be in another unit; the verdict holds if they are right
 
     @property
     def exit_code(self) -> int:
@@ -314,7 +315,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
         known = memory.at_rest(setup, progress)
     except (RigError, LimitError) as error:
         doubts = unit_doubts(setup)
-        return Checked(_about(setup, "none"), UNSAFE, before_error(doubts, error), doubts)
+        return Checked(_about(setup, "none"), UNSAFE, before_error(setup, error), doubts, doubted=keys_in_doubt(setup))
     hybrid = "exp_rths" in setup.case.runs or "shake_table" not in setup.case.runs
     found = verdict_on(setup, known, hybrid)
     figures = (
@@ -332,7 +333,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
         runs.insert(0, ("shake-table test", found.table_test.verdict))
     return Checked(
         _about(setup, known.source), found.worst, reasons, notes, figures, found.tangents, found.of_guard,
-        (*excited, *runs),
+        (*excited, *runs), keys_in_doubt(setup),
     )  # fmt: skip
 
 

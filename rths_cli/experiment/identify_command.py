@@ -71,12 +71,11 @@ def make_model(
     asked: Asked,
     progress: Progress,
     permit: Callable[[Setup], None] = lambda _: None,
-    warn: Progress = lambda _: None,
 ) -> Made:
     """Identify as asked and write the model file, also for a rejected model: the file states the verdict.
 
-    `permit` is called before a rig is excited and refuses by raising InputError; before that, `warn` receives doubts on
-    units if a real rig is to be excited. They precede the warnings of the model, or the reasons why there is none.
+    `permit` is called before a rig is excited and refuses by raising InputError. Doubts on units precede the warnings
+    of the model, or the reasons why there is none.
     Case, excitation and output files are checked before a rig moves. Raises InputError if the case, the data or an
     output file cannot be used, LimitError or RigError if the excitation was stopped.
     """
@@ -86,8 +85,6 @@ def make_model(
     planned = None if asked.data else plan(setup)
     present, seen = check_outputs(outputs, _inputs(asked, setup), asked.replace), stamp(outputs.model)
     doubts = specimen_doubts(setup)
-    for doubt in doubts if setup.rig.can.moves_hardware and not asked.data else ():
-        warn(doubt)
     if not asked.data:
         permit(setup)
     about = About(setup.rig.name, "" if asked.data else setup.rig.kind, "", compared=setup.compared)

@@ -26,7 +26,7 @@ from rths_cli.experiment.one_table_run import TABLE_RUNS, Stop
 from rths_cli.experiment.provenance import attributes
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup, building_key, make_setups, motion_key
 from rths_cli.experiment.table_runs_of_case import Played, Stage, VirtualStage, play_all, refused, why_none
-from rths_cli.experiment.unit_plausibility import key_in_doubt
+from rths_cli.experiment.unit_plausibility import keys_in_doubt
 from rths_cli.files.result_reader import ResultWriter
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.shared_values import SharedValues
@@ -172,7 +172,7 @@ def _attributes(
 ) -> dict[str, str | int | float]:
     """Return the root attributes of the result file."""
     model = {"model_source": known.source if known else "", "warnings": "\n".join(cautions)}
-    verdict = {"check_verdict": checked.worst if checked else "", "units_in_doubt": key_in_doubt(setup)}
+    verdict = {"check_verdict": checked.worst if checked else "", "units_in_doubt": ", ".join(keys_in_doubt(setup))}
     return attributes(setup, checked.design if checked else None, command_line) | model | verdict
 
 

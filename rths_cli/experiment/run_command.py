@@ -22,7 +22,7 @@ from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, run_case, worst_code
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup
-from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
+from rths_cli.experiment.unit_plausibility import before_error
 from rths_cli.files.durable_files import claimed, further_names, taken_sentence
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import check_writable
@@ -147,8 +147,8 @@ def _run_jobs(
     """Run the cases, whose result files are claimed."""
     shared.size = most_kept(jobs)
     real = [setup for setup, _ in jobs if setup.rig.can.moves_hardware]
-    for doubt in dict.fromkeys(doubt for setup in real for doubt in (*unit_doubts(setup), *baseline_note(setup))):
-        watcher.warning(doubt)  # before anybody permits a motion; of a virtual rig the answer tells
+    for note in dict.fromkeys(note for setup in real for note in baseline_note(setup)):
+        watcher.warning(note)  # before anybody permits a motion; of a virtual rig the answer tells
 
     def predicted(setup: Setup) -> Values:
         from rths_cli.files.imported_models import is_foreign
@@ -207,7 +207,7 @@ def run_one(
             return run_case(setup, path, memory, command_line, tell, shared, series=series)
         return _run_real(setup, path, memory, shared, command_line, tell, watcher)
     except RthsError as error:
-        return _failed(setup, path, taken, "; ".join(before_error(unit_doubts(setup), error)), error.exit_code)
+        return _failed(setup, path, taken, "; ".join(before_error(setup, error)), error.exit_code)
     except Exception as error:
         tell("")  # a signal that arrived during a compilation ends the batch here
         if told := out_of_memory(error):

@@ -24,7 +24,7 @@ from rths_cli.experiment.one_table_run import (
 )
 from rths_cli.experiment.rig_access import session_of
 from rths_cli.experiment.setup import Progress, Setup, shown
-from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.experiment.unit_plausibility import doubts_building, unit_doubts
 from rths_cli.files.result_reader import BEGUN, COMPLETE
 from rths_cli.interrupts import interruptible
 from rths_cli.rigs.from_case import true_values_of_run
@@ -193,7 +193,7 @@ def why_unsafe(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> s
     verdict, reasons = checked.of_run(kind.name)
     doubts = unit_doubts(setup)
     others = [reason for reason in reasons if reason not in doubts]
-    if doubts and others:  # what a wrong unit makes of the loop tells nobody what to change
+    if others and doubts_building(setup):  # what a wrong unit makes of the loop tells nobody what to change
         others = [f"{len(others)} more {'reasons' if len(others) > 1 else 'reason'}, which a wrong unit would explain"]
     return f"{verdict}: {'; '.join([*doubts, *others])}"
 

@@ -107,7 +107,7 @@ OF_FILE = (
     ),
     AttributeDeclaration("overrides", "text", "what was overridden: check, model"),
     AttributeDeclaration(
-        "units_in_doubt", "text", "key whose value speaks for another unit, empty if none does", present=SINCE_0_2
+        "units_in_doubt", "text", "keys whose values speak for another unit, empty if none does", present=SINCE_0_2
     ),
     AttributeDeclaration(
         "own_parts", "text", "places of the step whose parts the caller of the Python interface made", present=SINCE_0_2

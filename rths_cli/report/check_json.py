@@ -22,6 +22,7 @@ def _case(one: Checked) -> dict[str, Any]:
     return {
         **about,
         "verdict": one.verdict,
+        "doubted": list(one.doubted),
         "reasons": list(one.reasons),
         "warnings": list(one.warnings),
         "metrics": {path: json_value(value) for path, value in one.metrics.items()},

@@ -114,7 +114,13 @@ def _why(one: Checked) -> str:
     if one.reasons:
         return "; ".join(one.reasons)
     largest = one.metrics.get("check.largest_scaling")
-    return f"up to scaling {float(np.asarray(largest)):g}" if largest is not None else ""
+    up_to = f"up to scaling {float(np.asarray(largest)):g}" if largest is not None else ""
+    return "; ".join(filter(None, (_if_right(one), up_to)))
+
+
+def _if_right(one: Checked) -> str:
+    """Return the numbers that a verdict takes for right although they are doubted, "" where none is."""
+    return f"if {', '.join(one.doubted)} {'are' if len(one.doubted) > 1 else 'is'} right" if one.doubted else ""
 
 
 def _counters(values: Values) -> str:
@@ -341,7 +347,8 @@ def _verdict(checked: Checked) -> list[str]:
     notes = [labelled("note", warning) for warning in checked.warnings if warning not in checked.reasons]
     of_runs = ", ".join(f"{label} {verdict}" for label, verdict in checked.runs)
     notes += [labelled("table runs", of_runs)] if len(checked.runs) > 1 else []
-    first = checked.verdict if not checked.reasons else f"{checked.verdict}: {checked.reasons[0]}"
+    first = " ".join(filter(None, (checked.verdict, _if_right(checked))))
+    first = f"{checked.verdict}: {checked.reasons[0]}" if checked.reasons else first
     return [*notes, labelled("verdict", first), *(labelled("", reason) for reason in checked.reasons[1:])]
 
 

@@ -69,7 +69,7 @@ class RecordSpec(Strict):
         min_length=1,
         max_length=20,
         description="unit of the accelerations, where the file does not state it: m/s^2, cm/s^2, gal, g, mm/s^2, "
-        "in/s^2",
+        "in/s^2, ft/s^2, mg, %g",
     )
     dt_s: Annotated[float, Range(gt=0, le=10)] | None = Field(
         default=None, description="interval of the samples, where the file does not state it"

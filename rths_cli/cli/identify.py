@@ -110,7 +110,7 @@ def identify(
     asked = Asked(case, settings, request, output, save_data, figure, not no_figure, not no_replace)
     screen = new_screen(quiet)
     with said_again(screen, quiet or sys.stderr.isatty()) as doing:
-        made = make_model(asked, doing, lambda setup: ask_to_move([setup], yes, screen.confirm))
+        made = make_model(asked, doing, lambda setup: ask_to_move([setup], yes, screen.confirm), screen.warning)
     screen.clear()
     _show_identified(made, as_json)
     return made.exit_code

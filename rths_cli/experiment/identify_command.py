@@ -71,11 +71,12 @@ def make_model(
     asked: Asked,
     progress: Progress,
     permit: Callable[[Setup], None] = lambda _: None,
+    warn: Progress = lambda _: None,
 ) -> Made:
     """Identify as asked and write the model file, also for a rejected model: the file states the verdict.
 
     `permit` is called before a rig is excited and refuses by raising InputError. Doubts on units precede the warnings
-    of the model, or the reasons why there is none.
+    of the model, or the reasons why there is none. `warn` receives where a file went whose name was taken meanwhile.
     Case, excitation and output files are checked before a rig moves. Raises InputError if the case, the data or an
     output file cannot be used, LimitError or RigError if the excitation was stopped.
     """

@@ -314,7 +314,8 @@ def _named(names: list[str], seen: Seen, kept: Flags, stuck: int, of_table: bool
     own = [name for c, name in enumerate(names[1:]) if seen.alone[c] or c + 1 == stuck]
     beside = bool(seen.astray and own and (of_table or (len(own) > 1 and seen.alone.all())))
     wrong = [table] * (seen.as_desired or beside or stuck == 0) + own
-    alone = one != g.NO_CHANNEL and names[one] in wrong
+    # three channels or more may have failed together, one after the other: then none of them is singled out
+    alone = one != g.NO_CHANNEL and names[one] in wrong and len(wrong) <= 2
     if alone:
         wrong, own = [names[one]], [names[one]] if one else []
     still = " (its value does not change)" if len(wrong) == 1 and kept[names.index(wrong[0])] else ""

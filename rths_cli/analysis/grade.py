@@ -53,8 +53,12 @@ class Compensation:
     delayed_percent: float  # SIM-DELAY's own error of its worst storey, in percent of SIM
 
     def worth_it(self, limits: GradeLimits) -> bool:
-        """Return whether it is; where SIM-DELAY by itself is good, whether it does no harm."""
-        return self.ratio <= (limits.good_ratio if self.delayed_percent > limits.good_percent else 1.0)
+        """Return whether it is."""
+        return self.ratio <= self.limit(limits)
+
+    def limit(self, limits: GradeLimits) -> float:
+        """Return the largest ratio; where SIM-DELAY by itself is good, the compensation must only do no harm."""
+        return limits.good_ratio if self.delayed_percent > limits.good_percent else 1.0
 
 
 @dataclass(frozen=True)

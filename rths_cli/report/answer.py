@@ -15,6 +15,7 @@ import numpy as np
 from rths_cli.analysis.grade import (
     CALIBRATION,
     GOOD,
+    LEAST_SHARE,
     Deviation,
     Grade,
     GradeLimits,
@@ -341,8 +342,15 @@ def _bound(found: Grade, up_to: str = "") -> str:
 
 def findings(result: Result) -> list[str]:
     """Return a sentence on each finding beside the grade: what changed, what the specimen is beside its declaration,
-    what compensation and specimen are worth where they are worth little."""
-    return [*_changed(result), *_beside_declaration(result), *_worth(result)]
+    whether the test was safe, and whether compensation and specimen are worth it, with figures and limits."""
+    return [*_changed(result), *_beside_declaration(result), *_safe(result), *_worth(result)]
+
+
+def _safe(result: Result) -> Iterator[str]:
+    stands, must = (result.metrics.get(f"check.{name}_table_error") for name in ("tolerated", "required"))
+    if result.attributes.get("check_verdict") == "safe" and stands is not None and must is not None:
+        figures = (three(100.0 * float(np.asarray(one))) for one in (stands, must))
+        yield "Safe: the loop tolerates {} % table error, {} % required.".format(*figures)
 
 
 def _changed(result: Result) -> Iterator[str]:
@@ -380,22 +388,30 @@ def _plus_minus(one: Deviation) -> str:
 
 
 def _worth(result: Result) -> Iterator[str]:
-    limits, compensation = grade_limits(result), compensation_of(result.metrics)
-    if compensation is not None and not compensation.worth_it(limits):
-        than = (
-            f"{three(compensation.ratio)} times SIM-DELAY's, worse than no compensation"
-            if compensation.ratio > 1.0
-            else f"{three(compensation.ratio)} of SIM-DELAY's, limit {limits.good_ratio:g}"
+    limits, compensation, part = (
+        grade_limits(result), compensation_of(result.metrics), physical_part_of(result.metrics)
+    )  # fmt: skip
+    well = []
+    if compensation is not None:
+        ratio, limit = three(compensation.ratio), compensation.limit(limits)
+        if compensation.ratio > limit:
+            worse = ", worse than no compensation" if compensation.ratio > 1.0 else ""
+            where = f"limit {limit:g}, storey {compensation.storey}"
+            yield f"The compensation is hardly worth it: true error {ratio} of SIM-DELAY's{worse} ({where})."
+        else:
+            well.append(f"true error {ratio} of SIM-DELAY's (limit {limit:g})")
+    if part is not None:
+        share = (
+            f"its base shear is {three(part.share)} of the interface floor's inertia force (at least {LEAST_SHARE:g})"
         )
-        yield f"The compensation is hardly worth it: the true error is {than} (storey {compensation.storey})."
-    part = physical_part_of(result.metrics)
-    if part is not None and not part.matters(limits):
-        without = part.without_percent
-        known = f", without it the computed storeys move within {three(without)} % of SIM" if without == without else ""
-        yield (
-            f"The specimen hardly matters: its base shear is {three(part.share)} of the interface floor's inertia "
-            f"force{known}; the test says little about it."
-        )
+        if part.matters(limits):
+            well.append(share.replace("its", "the specimen's").replace(" is ", " "))
+        else:
+            change = f"without it computed storeys move within {three(part.without_percent)} % of SIM"
+            known = f", {change} (at least {limits.good_percent:g} %)" if np.isfinite(part.without_percent) else ""
+            yield f"The specimen hardly matters: {share}{known}; the test says little about it."
+    if well:
+        yield f"Worth it: {', '.join(well)}."
 
 
 def reservations(result: Result) -> tuple[str, ...]:

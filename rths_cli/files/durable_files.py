@@ -108,12 +108,12 @@ def stream_fault(path: Path) -> str:
 
 
 def _pour(part: Path, stream: Path) -> None:
-    """Write the bytes of a file to a stream; raises OSError."""
+    """Write the bytes of a file to a stream; raises OSError, InputError for a pipe that nobody reads."""
     try:  # a pipe that nobody reads is not waited for
         handle = os.open(stream, os.O_WRONLY | os.O_APPEND | getattr(os, "O_NONBLOCK", 0))
     except OSError as error:
         if error.errno == errno.ENXIO:
-            raise OSError(errno.ENXIO, "nobody reads this pipe") from error
+            raise InputError(f"{stream}: nobody reads this pipe; start its reader first") from error
         raise
     if hasattr(os, "set_blocking"):
         os.set_blocking(handle, True)

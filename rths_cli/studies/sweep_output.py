@@ -13,7 +13,7 @@ import numpy as np
 from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError
 from rths_cli.experiment.run_case import worst_code
-from rths_cli.files.durable_files import Stamp, stamp
+from rths_cli.files.durable_files import Stamp, is_stream, stamp
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_file import (
@@ -61,7 +61,7 @@ def begin(
     if path.is_dir():
         raise InputError(f"--output {path}: is a folder; give the name of a file in it")
     begun = _under_way(path, attributes, resume) if rows_path(path).exists() else None
-    if begun is None and path.exists():
+    if begun is None and path.exists() and not is_stream(path):
         if _is_whole(path, attributes, resume):
             return None
         if replace and not force:

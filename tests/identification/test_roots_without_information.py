@@ -128,3 +128,14 @@ def test_the_page_says_not_determined_in_place_of_numbers() -> None:
     rows = _roots([Root("pole", 3.0, 0.7, 95.0, 2150.0), Root("pole", 3.0, np.nan, 0.01, np.nan)])
     shown = "\n".join(rows)
     assert shown.count(UNDETERMINED) == 2 and "3.000 +- 0.020" in shown and "190" not in shown
+
+
+def test_the_model_says_nothing_where_two_standard_uncertainties_pass_the_limit() -> None:
+    found, roots = one_pole(3.0, 0.1, 2)
+    known_hz, (warning,), _ = without_information(found, roots, LIMITS, USUAL)
+    assert USUAL.high_hz < known_hz < 0.5 / DT
+    assert 2.0 * response_error(found, np.array([0.98 * known_hz]))[0] < LIMITS.largest
+    assert 2.0 * response_error(found, np.array([1.02 * known_hz]))[0] > LIMITS.largest
+    inside = 200.0 * response_error(found, np.linspace(*USUAL.hz, 300)).max()
+    said = float(warning.partition("matters by at most ")[2].partition(" %")[0])
+    assert said == pytest.approx(inside, rel=0.05)

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rths_cli.case.unit_comparison import Comparison, doubts_of
+from rths_cli.case.unit_defaults import of_defaults
 from rths_cli.experiment.setup import placed
 from rths_cli.experiment.unit_comparisons import of_case, of_record, of_specimen_on_table
 from rths_cli.rigs.unit_comparisons import of_rig
@@ -67,6 +68,7 @@ def _comparisons(setup: Setup) -> Iterator[Comparison]:
     yield from of_rig(case)
     yield from of_record(setup)
     yield from of_case(case)
+    yield from of_defaults(case)
 
 
 def before_error(setup: Setup, error: Exception) -> tuple[str, ...]:

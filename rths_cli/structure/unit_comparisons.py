@@ -42,7 +42,7 @@ def of_building(spec: StructureSpec, building: Building) -> Iterator[Comparison]
     """Yield what the numbers of a building are compared with."""
     yield from _of_masses(spec)
     yield from _of_drifts(spec, building)
-    yield from _of_stiffness(spec)
+    yield from _of_stiffness(spec, building)
     yield from _of_table(spec)
     yield from _of_heights(spec, building)
     yield from _of_laws(spec, building)
@@ -119,7 +119,7 @@ def _of_table(spec: StructureSpec) -> Iterator[Comparison]:
         yield Comparison(key, mass, "kg", "the whole interface floor", own[-1], 0.005, 1.0, (keys[0],))
 
 
-def _of_stiffness(spec: StructureSpec) -> Iterator[Comparison]:
+def _of_stiffness(spec: StructureSpec, building: Building) -> Iterator[Comparison]:
     stated = {
         f"{NUMERICAL}.stiffness_n_per_m": spec.numerical.stiffness_n_per_m,
         f"{EXPERIMENTAL}.stiffness_n_per_m": spec.experimental.stiffness_n_per_m,
@@ -128,6 +128,13 @@ def _of_stiffness(spec: StructureSpec) -> Iterator[Comparison]:
     yield from among_equals(values, "N/m")
     for key, springs in values.items():
         yield from _against_others(key, springs, "N/m", "storeys of this part", 1.0 / 500.0, 500.0)
+    both = (storey_values(building.numerical.K), storey_values(building.specimen.K))
+    for key, own, other in zip(stated, both, reversed(both), strict=True):
+        if key in values:
+            said, against = "the median of the list", "that of the other part"
+            yield Comparison(
+                key, float(np.median(own)), "N/m", against, float(np.median(other)), 1.0 / 300.0, 300.0, (), said
+            )
     modes_hz = spec.experimental.natural_frequencies_hz or ()
     for i, (low, high) in enumerate(pairwise(modes_hz), 2):
         key = f"{EXPERIMENTAL}.natural_frequencies_hz"

@@ -24,8 +24,12 @@ from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.numerics.shared_values import SharedValues
 
 FACTORS = (9.81, 1e3, 1e6, 0.4536, 25.4)
-NO_QUANTITY = ("seed", "records", "order", "bits", "latency_samples", "lost_samples", "laboratory", "port", "sign")
-"""Seeds, counts and signs, which have no unit: another one is another test, not the same in another unit."""
+NO_QUANTITY = (
+    "seed", "records", "order", "bits", "latency_samples", "lost_samples", "laboratory", "port", "sign",
+    "damping_levels",
+)  # fmt: skip
+"""Seeds, counts and signs, which have no unit: another one is another test, not the same in another unit. A case with a
+damping of its own reads no level of its structure."""
 SHIPPED = ("el_centro_low_ff_fb", "el_centro_base_isolated", "el_centro_viscous_damper", "el_centro_tuned_mass_damper")
 REAL = ("udp_example", "ni_example")
 GUARDED = ("table.limits.", "table.nominal.", "table.sensors.sensitivity", "table.sensors.range", "masses_kg")

@@ -3,9 +3,9 @@
     python benchmarks/few_bits.py [--laboratories 12] [--first 0]
 
 Each laboratory has five tests of 9 to 16 bits and motions of half a bit to fifty
-(`tests/helpers/campaigns/few_bits.py`). Each row: predicted and measured error of the worst storey in mm/s^2, their ratio, measured over SIM's RMS, and the true
-error over the bound that is stated with 95 %. Demanded: the ratio within 1.5 in 90 % of sixty tests, and at most six
-true errors above their bound; exit code 1 otherwise.
+(`tests/helpers/campaigns/few_bits.py`). Each row: predicted and measured error of the worst storey in mm/s^2, their
+ratio, measured over SIM's RMS, and the true error over the bound that is stated with 95 %. Demanded: the ratio within
+1.5 in 90 % of sixty tests, and at most six true errors above their bound; exit code 1 otherwise.
 """
 
 from __future__ import annotations

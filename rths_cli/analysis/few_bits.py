@@ -6,7 +6,8 @@ the force that is fed back is wrong in phase with the motion (describing functio
 Multiple-Input Describing Functions, 1968, section 2.3). In a loop with little damping this changes the decay of the
 motion itself. So the samples of the expected motion are rounded, their errors are carried through the closed loop, the
 motion with these errors is rounded again, and so on. The loop is causal: each round is right for a longer part of the
-record (waveform relaxation), and rounding errors are bounded, so that no round is far off.
+record (waveform relaxation), and rounding errors are bounded, so that no round is far off. The part of the errors that
+is in proportion to the signal over the whole record is no error in a round but a gain with which the loop is closed.
 
 Where within a bit a channel's zero lies is known from a record in motion, or not at all. Several places are drawn.
 """
@@ -25,6 +26,8 @@ DITHERED = 0.5  # bits of noise, rms, with which rounding is noise: a describing
 DRAWS = 3  # of zeros and noise
 SEED = 23
 ROUNDS = 8  # the errors of further ones are as large
+GAINS = (-1.0, 0.1)  # of a converter, less one: those with which the loop is closed
+TINY = np.finfo(float).tiny
 ZERO_CHANGES = 0.1  # bits by which a zero that was seen changes until the test
 
 
@@ -35,7 +38,7 @@ def few_bits(known: Known, prediction: Prediction) -> FewBits | None:
     """
     bits = known.bits_m_s2
     rounded = np.hypot(*(prediction.causes[name].storeys for name in ("quantisation", "rounding")))
-    size = np.maximum(rms(known.lines.evaluated(known.sim)), np.finfo(float).tiny)
+    size = np.maximum(rms(known.lines.evaluated(known.sim)), TINY)
     weight = float(np.clip((np.max(rounded / size) - SHARES[0]) / (SHARES[1] - SHARES[0]), 0.0, 1.0))
     dither = dither_m_s2(known)
     plain = dither < DITHERED * bits
@@ -52,30 +55,49 @@ def _played(
 ) -> tuple[Array, Array, Array]:
     """Return mean squares in (m/s^2)^2 in the test band, for one draw of zeros and noise: by the rounding of `plain`
     channels (n_storeys + 1,), by that of commands (n_storeys + 1,), of the true motions (n_storeys,)."""
-    lines, corrected, bit_v = known.lines, of_correction(known)[plain], known.rig.converters.step_v
-    bits, channels = known.bits_m_s2[plain, None], len(dither)
+    lines, corrected, still = known.lines, of_correction(known)[plain], np.zeros_like(known.ground)
+    step, channels, count = known.bits_m_s2[plain], len(dither), np.count_nonzero(plain)
     place = random.uniform(-0.5, 0.5, channels)[plain]
     if known.zero_m_s2 is not None:
-        place = known.zero_m_s2[plain] / bits[:, 0] + 2.0 * ZERO_CHANGES * place
-    noise = random.standard_normal((len(bits), lines.samples)) * dither[plain, None] + place[:, None] * bits
-    reading = np.where(corrected == 0.0, 0.0, 1.0 / np.where(corrected == 0.0, 1.0, corrected))
-    still, added = np.zeros_like(known.ground), np.zeros_like(known.floors)
-    sent = np.zeros_like(nominal.command_v)
-    moved = nominal
-    motion, command = nominal.corrected, nominal.command_v
+        place = known.zero_m_s2[plain] / step + 2.0 * ZERO_CHANGES * place
+    noise = random.standard_normal((count, lines.samples)) * dither[plain, None]
+    scale = corrected  # a reading in V over what it is corrected to, and one for the command
+    expected = nominal.corrected[plain]
+    if not known.shaped:
+        step, place = np.append(step, known.rig.converters.step_v), np.append(place, 0.0)
+        noise = np.vstack([noise, np.zeros_like(noise[:1])])
+        scale = np.vstack([scale, np.ones_like(scale[:1])])
+        expected = np.vstack([expected, nominal.command_v])
+
+    def moved(errors: ComplexArray) -> Motion:
+        added = np.zeros_like(known.floors)
+        added[plain] = errors[:count]
+        return hybrid(known.loop, still, added, None if known.shaped else errors[count])
+
+    def before_rounding(errors: ComplexArray) -> ComplexArray:
+        motion = moved(errors)
+        both = motion.corrected[plain] if known.shaped else np.vstack([motion.corrected[plain], motion.command_v])
+        return np.asarray(both - errors)
+
+    ones = np.eye(len(expected), dtype=complex)[:, :, None] * np.ones(lines.count)
+    loop = np.array([before_rounding(one) for one in ones]).transpose(2, 1, 0)
+    reading = np.where(scale == 0.0, 0.0, 1.0 / np.where(scale == 0.0, 1.0, scale))
+    signals, errors = expected.copy(), np.zeros_like(expected)
     for _ in range(ROUNDS):
-        added[plain] = corrected * lines.of(_error(_full_rate(known, reading * motion[plain]) + noise, bits))
-        if not known.shaped:
-            sent = lines.of(_error(_full_rate(known, command), bit_v))
-        moved = hybrid(known.loop, still, added, sent)
-        motion = nominal.corrected + moved.corrected - added
-        command = nominal.command_v + moved.command_v - sent
-    by_samples = _powers(known, hybrid(known.loop, still, added))
-    by_command = _powers(known, hybrid(known.loop, still, np.zeros_like(added), sent))
-    both = _powers(known, moved) / np.maximum(by_samples + by_command, np.finfo(float).tiny)
-    true = moved.storeys.copy()
-    true[len(true) - channels :] -= added * known.loop.ahead
-    return both * by_samples, both * by_command, rms(lines.evaluated(true)) ** 2
+        shown = _full_rate(known, reading * signals)
+        off = _error(shown + noise, step[:, None], place[:, None])
+        gain = np.clip(np.mean(off * shown, axis=1) / np.maximum(np.mean(shown**2, axis=1), TINY), *GAINS)[:, None]
+        rest = scale * lines.of(off - gain * shown)
+        closed = np.eye(len(gain)) - loop * gain[:, 0]
+        signals = np.asarray(np.linalg.solve(closed, expected.T[:, :, None] + loop @ rest.T[:, :, None])[:, :, 0].T)
+        errors = gain * signals + rest
+    by_samples, by_command = errors.copy(), errors.copy()
+    by_samples[count:], by_command[:count] = 0.0, 0.0
+    powers = [_powers(known, moved(each)) for each in (errors, by_samples, by_command)]
+    share = powers[0] / np.maximum(powers[1] + powers[2], TINY)
+    true = moved(errors).storeys
+    true[len(true) - channels :][plain] -= errors[:count] * known.loop.ahead
+    return share * powers[1], share * powers[2], rms(lines.evaluated(true)) ** 2
 
 
 def _full_rate(known: Known, rows: ComplexArray) -> Array:
@@ -83,9 +105,9 @@ def _full_rate(known: Known, rows: ComplexArray) -> Array:
     return np.fft.irfft(rows, known.lines.padded)[..., : known.lines.samples]
 
 
-def _error(series: Array, step: Array | float) -> Array:
-    """Return what rounding to steps adds to a series."""
-    return np.asarray(np.floor(series / step + 0.5) * step - series)
+def _error(series: Array, step: Array, place: Array) -> Array:
+    """Return what rounding to steps adds to a series (k, n) whose zero lies at `place` within a bit (k, 1)."""
+    return np.asarray(np.floor(series / step + place + 0.5) * step - series)
 
 
 def _powers(known: Known, moved: Motion) -> Array:

@@ -72,7 +72,7 @@ class Comparison:
         said += f"{self.ratio:.3g} times {self.against}{named}, {self.figure:.3g}{unit}; usual is {self._usual}"
         if self.suspect:
             said += f"; {self.suspect} disagrees with others, too"
-        elif slip := self.slip:
+        if (slip := self.slip) and (self.quantity or not self.suspect):
             would = "" if self.quantity else f", {self.value / slip[0]:.4g}{unit} would fit"
             said += f"; likely a factor of {slip[1]}{would}"
         return f"{said}: {self.asked or (f'is it in {self.unit}?' if self.unit else 'is it right?')}"

@@ -23,6 +23,7 @@ LARGEST_DRIFT_M = 10.0  # of a storey under 1 g sideways; by P-Delta, a storey l
 STIFFEST_HZ = 35.0  # first mode of the whole building; a table that shakes a stiffer one moves like the ground
 LIGHTEST_SPECIMEN_KG = 0.1
 RATIOS = (0.0015, 0.3)  # of critical damping: bare steel to a strongly damped absorber
+LEAST_MODE_RATIO = 1e-4  # of a building's first mode; less than its specimen alone adds is refused
 IN_A_PART = 8.0  # masses of one substructure, and damping ratios of a specimen, over the median of the others
 NUMERICAL, EXPERIMENTAL = "structure.numerical", "structure.experimental"
 OVER_DRIFT = {  # keys of laws that are a drift, over that of the storey under 1 g sideways
@@ -58,12 +59,15 @@ def of_damping(spec: StructureSpec, damping: Sequence[DampingSpec], building: Bu
     masses, stiffness = np.diag(building.M), _stiffness(building)
     critical = 2.0 * np.sqrt(masses * stiffness)
     p = len(spec.numerical.masses_kg)
-    yield from _of_dashpots(f"{EXPERIMENTAL}.dashpots_n_s_per_m", experimental.dashpots_n_s_per_m or (), critical[p:])
+    of_table = tuple(f"{EXPERIMENTAL}.{key}" for key in ("masses_kg", "stiffness_n_per_m"))
+    of_own = tuple(f"{NUMERICAL}.{key}" for key in ("masses_kg", "stiffness_n_per_m"))
+    key = f"{EXPERIMENTAL}.dashpots_n_s_per_m"
+    yield from _of_dashpots(key, experimental.dashpots_n_s_per_m or (), critical[p:], of_table)
     for level in damping:
         named = f"structure.damping_levels.{level.name}" if level.name in spec.damping_levels else "damping"
         if level.first_mode_ratio is not None:
-            yield _of_ratio(f"{named}.first_mode_ratio", level.first_mode_ratio, 1, 1)
-        yield from _of_dashpots(f"{named}.dashpots_n_s_per_m", level.dashpots_n_s_per_m or (), critical[:p])
+            yield _of_ratio(f"{named}.first_mode_ratio", level.first_mode_ratio, 1, 1, LEAST_MODE_RATIO)
+        yield from _of_dashpots(f"{named}.dashpots_n_s_per_m", level.dashpots_n_s_per_m or (), critical[:p], of_own)
 
 
 def _weights(building: Building) -> Array:
@@ -129,12 +133,11 @@ def _of_stiffness(spec: StructureSpec, building: Building) -> Iterator[Compariso
     for key, springs in values.items():
         yield from _against_others(key, springs, "N/m", "storeys of this part", 1.0 / 500.0, 500.0)
     both = (storey_values(building.numerical.K), storey_values(building.specimen.K))
-    for key, own, other in zip(stated, both, reversed(both), strict=True):
+    for key, other_key, own, other in zip(stated, reversed(stated), both, reversed(both), strict=True):
         if key in values:
             said, against = "the median of the list", "that of the other part"
-            yield Comparison(
-                key, float(np.median(own)), "N/m", against, float(np.median(other)), 1.0 / 300.0, 300.0, (), said
-            )
+            figures = (float(np.median(own)), "N/m", against, float(np.median(other)), 1.0 / 300.0, 300.0)
+            yield Comparison(key, *figures, (other_key,), said)
     modes_hz = spec.experimental.natural_frequencies_hz or ()
     for i, (low, high) in enumerate(pairwise(modes_hz), 2):
         key = f"{EXPERIMENTAL}.natural_frequencies_hz"
@@ -171,19 +174,19 @@ def _of_laws(spec: StructureSpec, building: Building) -> Iterator[Comparison]:
                         )
 
 
-def _of_ratio(key: str, ratio: float, number: int, count: int) -> Comparison:
+def _of_ratio(key: str, ratio: float, number: int, count: int, low: float = RATIOS[0]) -> Comparison:
     said = f"entry {number}" if count > 1 else ""
     return Comparison(
-        key, ratio, "", "the usual damping ratio", 0.02, RATIOS[0] / 0.02, RATIOS[1] / 0.02, (), said, "is it a ratio?"
+        key, ratio, "", "the usual damping ratio", 0.02, low / 0.02, RATIOS[1] / 0.02, (), said, "is it a ratio?"
     )
 
 
-def _of_dashpots(key: str, dashpots: Sequence[float], critical: Array) -> Iterator[Comparison]:
+def _of_dashpots(key: str, dashpots: Sequence[float], critical: Array, others: tuple[str, ...]) -> Iterator[Comparison]:
     for i, (own, full) in enumerate(zip(dashpots, critical, strict=False), 1):
         if own > 0.0:
             said = f"entry {i}" if len(dashpots) > 1 else ""
             against = "critical damping of floor and storey, 2 sqrt(k m)"
-            yield Comparison(key, own, "N s/m", against, float(full), 1e-4, 1.0, (), said)
+            yield Comparison(key, own, "N s/m", against, float(full), 1e-4, 10.0, others, said)
     yield from among_equals({key: list(dashpots)} if all(dashpots) else {}, "N s/m")
 
 

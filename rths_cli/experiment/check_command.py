@@ -17,8 +17,6 @@ from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.check_metrics import check_figures, table_test_figures
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.design_choice import choose_design
-from rths_cli.experiment.excitation_check import excitation_faults
-from rths_cli.experiment.identify_on_rig import excitation_settings, plan
 from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
@@ -28,7 +26,6 @@ from rths_cli.experiment.session import wants_session_record
 from rths_cli.experiment.setup import make_setups, placed, refuse_unstable_steps, shown
 from rths_cli.experiment.table_test_check import judge_table_test
 from rths_cli.experiment.unit_plausibility import before_error, keys_in_doubt, unit_doubts
-from rths_cli.identification.low_level_probe import probe_plan
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 from rths_cli.numerics.shared_values import SharedValues
@@ -339,6 +336,10 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
 
 def excitations(setup: Setup, known: Known) -> list[tuple[str, str]]:
     """Return label and verdict of the excitations that are played before the table runs of a case."""
+    from rths_cli.experiment.excitation_check import excitation_faults
+    from rths_cli.experiment.identify_on_rig import excitation_settings, plan
+    from rths_cli.identification.low_level_probe import probe_plan
+
     settings = excitation_settings(setup.case.identification)
     found = []
     if setup.case.identification.model is None:

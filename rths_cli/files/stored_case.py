@@ -6,7 +6,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import yaml
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
@@ -25,6 +24,8 @@ def stored_case(result: Result) -> dict[str, Any]:
 
 @lru_cache(maxsize=CASES)
 def _read(text: str) -> dict[str, Any]:
+    import yaml
+
     try:
         case = yaml.safe_load(text)  # the loader in C crashes on deeply nested text
     except yaml.YAMLError:

@@ -248,7 +248,7 @@ def test_only_model_files_are_replaced_and_damaged_ones_too(rths: Rths, measured
 def test_what_is_interrupted_leaves_nothing_behind(
     rths: Rths, measured: list[str], monkeypatch: pytest.MonkeyPatch, where: str, number: type[BaseException]
 ) -> None:
-    def end(*_: object) -> None:
+    def end(*_: object, **__: object) -> None:
         raise number(28, "No space left on device")
 
     monkeypatch.setattr(where, end)

@@ -139,7 +139,8 @@ def samples_in_gaps(uncertain: Uncertain, series: Series) -> Array:
     if not gaps.any() or gaps.all():
         return series.measured
     known, every = uncertain.known, np.arange(gaps.size)
-    last = np.maximum.accumulate(np.where(gaps, 0, every))  # the last step whose command came
+    unanswered = np.append(gaps[1:], gaps[-1])  # a sample answers the command before it
+    last = np.maximum.accumulate(np.where(unanswered, 0, every))  # the last step whose command came
     held = series.command_v[last] - series.command_v
     answered, more = (
         at_full_rate(known.lines, known.loop.rig * known.lines.of(volts))[:, : gaps.size]

@@ -25,10 +25,24 @@ from rths_cli.experiment.serve_command import make_table
 from rths_cli.loop.guard import END
 from rths_cli.loop.simulated_time_run import Outcome
 from rths_cli.numerics.clock import IntArray
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.from_case import true_building
 from rths_cli.rigs.virtual import plant_kernel
-from rths_cli.rigs.virtual.plant_kernel import fresh_state
+from rths_cli.rigs.virtual.plant_kernel import Plant, PlantState, fresh_state
+
+
+@entry
+def moved(plant: Plant, state: PlantState, latched: Array, velocity: Array) -> None:
+    """Fill in the true velocities (c, n) in the middle of the intervals in which the table was given `latched` V,
+    which begin at the second sample."""
+    plant, state, latched, velocity = borrowed((plant, state, latched, velocity))
+    for k in range(latched.size):
+        for tick in range(TICKS):
+            plant_kernel.hold(plant, state, latched[k])
+            if tick == TICKS // 2 - 1 or tick == TICKS // 2:
+                for i in range(velocity.shape[0]):
+                    velocity[i, k + 1] += 0.5 * state.middle_velocity[i]
 
 
 @dataclass(frozen=True)
@@ -94,14 +108,9 @@ class Disturbed:
     def _true_velocity(self, played: object, latched: Array, samples: int) -> Array:
         """Return the true velocities (c, samples) in the middle of each interval."""
         setup = self.freezing.setup
-        plant = make_table(self.freezing.served, played.course.dt_ns).plant  # type: ignore[attr-defined]
-        state, volts = fresh_state(plant, 0), np.zeros(len(setup.rig.channels))
-        found = np.zeros((len(volts), samples))
-        for k, held in enumerate(latched[:samples]):
-            for tick in range(TICKS):
-                plant_kernel.hold(plant, state, held)
-                if tick in (TICKS // 2 - 1, TICKS // 2):
-                    found[:, k] += 0.5 * state.middle_velocity
+        table = make_table(self.freezing.served, played.course.dt_ns)  # type: ignore[attr-defined]
+        found = np.zeros((len(setup.rig.channels), samples))
+        moved(table.plant, fresh_state(table.plant, 0), np.ascontiguousarray(latched[: samples - 1]), found)
         return found
 
     def _rms(self, series: Array) -> Array:

@@ -23,6 +23,7 @@ LARGEST_DRIFT_M = 10.0  # of a storey under 1 g sideways; by P-Delta, a storey l
 STIFFEST_HZ = 35.0  # first mode of the whole building; a table that shakes a stiffer one moves like the ground
 LIGHTEST_SPECIMEN_KG = 0.1
 RATIOS = (0.0015, 0.3)  # of critical damping: bare steel to a strongly damped absorber
+STIFFNESS_OF_PARTS = (1.0 / 300.0, 1e4)  # of the median numerical storey over the median one on the table
 LEAST_MODE_RATIO = 1e-4  # of a building's first mode; less than its specimen alone adds is refused
 IN_A_PART = 8.0  # masses of one substructure, and damping ratios of a specimen, over the median of the others
 NUMERICAL, EXPERIMENTAL = "structure.numerical", "structure.experimental"
@@ -132,12 +133,12 @@ def _of_stiffness(spec: StructureSpec, building: Building) -> Iterator[Compariso
     yield from among_equals(values, "N/m")
     for key, springs in values.items():
         yield from _against_others(key, springs, "N/m", "storeys of this part", 1.0 / 500.0, 500.0)
-    both = (storey_values(building.numerical.K), storey_values(building.specimen.K))
-    for key, other_key, own, other in zip(stated, reversed(stated), both, reversed(both), strict=True):
-        if key in values:
-            said, against = "the median of the list", "that of the other part"
-            figures = (float(np.median(own)), "N/m", against, float(np.median(other)), 1.0 / 300.0, 300.0)
-            yield Comparison(key, *figures, (other_key,), said)
+    # a soft specimen on a stiff building is usual, a building far softer than its specimen is not
+    own, on_table = (float(np.median(storey_values(part.K))) for part in (building.numerical, building.specimen))
+    if (key := f"{NUMERICAL}.stiffness_n_per_m") in values:
+        against, others = "that on the table", (f"{EXPERIMENTAL}.stiffness_n_per_m",)
+        said = "the median of the list"
+        yield Comparison(key, own, "N/m", against, on_table, *STIFFNESS_OF_PARTS, others, said)
     modes_hz = spec.experimental.natural_frequencies_hz or ()
     for i, (low, high) in enumerate(pairwise(modes_hz), 2):
         key = f"{EXPERIMENTAL}.natural_frequencies_hz"

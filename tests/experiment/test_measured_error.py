@@ -47,7 +47,7 @@ def test_a_push_at_the_interface_is_found_as_the_error_that_it_makes(p: int) -> 
     found = loop_error(of, DT, residual_of_computed_storeys(of, DT, accel, test))
     wanted = test - sim
     assert np.abs(wanted).max() > 0.05
-    assert np.abs(found - wanted).max() < 1e-4 * np.abs(wanted).max()
+    assert np.abs(found - wanted).max() < 2e-3 * np.abs(wanted).max()
     assert np.abs(residual_of_computed_storeys(of, DT, accel, sim)).max() < 1e-4 * np.abs(sim).max()
 
 

@@ -30,13 +30,15 @@ from rths_cli.errors import InputError
 from rths_cli.experiment import run_metrics
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.measured_error import loop_error, residual_of_computed_storeys
+from rths_cli.identification.identify_specimen import without_staircase
 from rths_cli.identification.specimen_fit import Motion, Start, fit_stretches, least_samples
 from rths_cli.loop.block_replay import run_block
+from rths_cli.loop.lost_samples import MIXED, without_samples
 from rths_cli.structure import Building, Specimen, modal_damping_matrix, storey_matrix, storey_values
 from rths_cli.structure.tangents import on_specimen
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from rths_cli.experiment.check import Uncertain
     from rths_cli.experiment.one_table_run import Run
@@ -50,7 +52,7 @@ CHANGED = 3.0  # standard uncertainties from which the specimen has changed sinc
 TELLS = 0.2  # largest relative standard uncertainty of a stiffness in the run that tells whether the specimen changed
 MOST_UNEXPLAINED = 0.1  # of the floors' motion: what a chain of storeys on the measured table may leave unexplained
 OF_IDENTIFIED = 3.0  # times what it left at the identification: the same limit of a specimen that is no such chain
-GAP_S = 0.15  # after a gap: what the samples there tell of the table in the gap
+AFTER_GAP = 3  # samples after a gap that tell what the table did in it
 GAP_ERROR = 0.3  # standard uncertainty of what is reconstructed of gaps, over what it changes
 BELOW_FIRST = 0.5  # the lines of the fit begin at this fraction of the specimen's first natural frequency or lower
 
@@ -129,16 +131,19 @@ def error_after_run(uncertain: Uncertain | None, run: Run) -> AfterRun:
 
 
 def samples_in_gaps(uncertain: Uncertain, series: Series) -> Array:
-    """Return the measured accelerations (c, n) in m/s^2, with those that the step did without reconstructed.
+    """Return the measured accelerations (c, n) in m/s^2 as the rig gave them, also where the step took others.
 
-    The step took what the identified rig would show under the commands that it sent. A target may hold the last one
-    that came instead: how much of that it did, the samples after the gap show.
+    After a gap the step goes back to its samples gradually, and the log holds both. In the gap it took what the
+    identified rig would show under the commands that it sent. A target may hold the last one that came instead: how
+    much of that it did, the first samples after the gap show.
     """
     lost = series.live.get("lost")
-    gaps = np.zeros(series.measured.shape[1], dtype=bool) if lost is None else np.asarray(lost) > 0
-    if not gaps.any() or gaps.all():
+    if lost is None or not np.any(lost):
         return series.measured
-    known, every = uncertain.known, np.arange(gaps.size)
+    known, gaps, every = uncertain.known, without_samples(lost), np.arange(lost.size)
+    if gaps.all():
+        return series.measured
+    measured = _unmixed(uncertain, series, gaps, lost == MIXED)
     unanswered = np.append(gaps[1:], gaps[-1])  # a sample answers the command before it
     last = np.maximum.accumulate(np.where(unanswered, 0, every))  # the last step whose command came
     held = series.command_v[last] - series.command_v
@@ -146,11 +151,32 @@ def samples_in_gaps(uncertain: Uncertain, series: Series) -> Array:
         at_full_rate(known.lines, known.loop.rig * known.lines.of(volts))[:, : gaps.size]
         for volts in (series.command_v, held)
     )
-    width = max(round(GAP_S / known.lines.dt_s), 1)
-    after = (np.convolve(gaps, np.ones(width + 1), "full")[: gaps.size] > 0) & ~gaps
-    size = float(np.sum(more[0, after] ** 2))
-    share = float(np.sum((series.measured[0] - answered[0])[after] * more[0, after])) / size if size > 0.0 else 0.0
-    return np.asarray(series.measured + np.where(gaps, min(max(share, 0.0), 1.0), 0.0) * more)
+    after = (np.convolve(gaps, np.ones(1 + AFTER_GAP), "full")[: gaps.size] > 0) & ~gaps
+    size = float(np.sum(more[:, after] ** 2))
+    share = float(np.sum((measured - answered)[:, after] * more[:, after])) / size if size > 0.0 else 0.0
+    return np.asarray(measured + np.where(gaps, min(max(share, 0.0), 1.0), 0.0) * more)
+
+
+def _unmixed(uncertain: Uncertain, series: Series, gaps: NDArray[np.bool_], mixed: NDArray[np.bool_]) -> Array:
+    """Return the measured accelerations (c, n), those of `mixed` steps (n,) from the rig's samples alone.
+
+    The samples are corrected anew, over straight lines in the gaps. The slow part of the correction that these leave is
+    taken off: the mean difference where the step had its own samples next.
+    """
+    measured = series.measured.copy()
+    if not mixed.any() or not series.samples_v.size:
+        return measured
+    came, every = np.flatnonzero(~gaps), np.arange(gaps.size)
+    volts = np.array([np.interp(every, came, row[came]) for row in series.samples_v])
+    anew = run_block(uncertain.known.correction, volts)[: len(measured)]
+    anew[0] = without_staircase(anew[0], series.command_v, uncertain.known.model)
+    own = ~(gaps | mixed)
+    for stretch in np.split(np.flatnonzero(mixed), np.flatnonzero(np.diff(np.flatnonzero(mixed)) > 1) + 1):
+        near = np.flatnonzero(own & (np.abs(every - stretch[-1]) <= 2 * len(stretch)) & (every > stretch[-1]))
+        near = near if near.size else np.flatnonzero(own)
+        off = (measured - anew)[:, near].mean(axis=1) if near.size else np.zeros(len(measured))
+        measured[:, stretch] = anew[:, stretch] + off[:, None]
+    return measured
 
 
 def specimen_in_run(uncertain: Uncertain, measured: Array) -> FoundSpecimen | str:

@@ -25,16 +25,24 @@ from rths_cli.loop.block_replay import run_block
 from rths_cli.numerics.lti import Array, StateSpace
 from rths_cli.structure import Building
 
+FINEST_S = 2.5e-4  # between which the shear of the floors may be taken for straight
+
 
 def residual_of_computed_storeys(building: Building, dt_s: float, ground_m_s2: Array, reported_m_s2: Array) -> Array:
     """Return by how much the computed storeys (p, n) in m/s^2 moved otherwise than the measured floors ask for.
 
-    `reported_m_s2` (n_storeys, n): absolute accelerations of the test, measured from the interface up.
+    `reported_m_s2` (n_storeys, n): absolute accelerations of the test, measured from the interface up. Between samples
+    the ground's acceleration is straight, as SIM takes it, and the shear is smooth.
     """
+    from scipy.interpolate import CubicSpline
+
     p, masses = len(building.numerical.masses_kg), _masses(building)
-    shear_n = -(masses @ reported_m_s2[p - 1 :])
-    inputs = np.vstack([ground_m_s2[: reported_m_s2.shape[1]], shear_n])
-    return np.asarray(reported_m_s2[:p] - run_block(all_storeys(building.numerical, dt_s), inputs)[2 * p :])
+    shear_n, finer = -(masses @ reported_m_s2[p - 1 :]), max(int(np.ceil(dt_s / FINEST_S)), 1)
+    at, between = np.arange(len(shear_n)), np.arange(finer * (len(shear_n) - 1) + 1) / finer
+    ground = np.interp(between, at, ground_m_s2[: len(shear_n)])
+    inputs = np.vstack([ground, CubicSpline(at, shear_n)(between)])
+    moved = run_block(all_storeys(building.numerical, dt_s / finer), inputs)[2 * p :, ::finer]
+    return np.asarray(reported_m_s2[:p] - moved)
 
 
 def loop_error(building: Building, dt_s: float, residual_m_s2: Array) -> Array:

@@ -162,7 +162,7 @@ def _rename_to_new(part: Path, path: Path) -> None:
         os.rename(part, path)  # refuses by itself
         return
     try:
-        os.link(part, path, follow_symlinks=False)
+        os.link(part, path)
     except OSError as error:
         if error.errno not in NO_LINKS:
             raise

@@ -91,7 +91,7 @@ KEPT = (
 
 
 def deviations(setup: Setup, found: Identification) -> dict[str, list[float]]:
-    """Return what was identified less the truth, in standard uncertainties; nothing of a rig whose sensors are exactly as
+    """Return what was identified less the truth, in standard uncertainties; nothing of a rig whose sensors are as
     declared."""
     if found.calibration is None:
         return {}

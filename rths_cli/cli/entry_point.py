@@ -126,8 +126,8 @@ def usage_sentence(error: click.ClickException) -> str:
             return f"{name.upper().removesuffix('S')} is missing; rths list {option.type.kind} shows what can be named"
     if isinstance(error, click.NoSuchOption):  # versions of click word it differently
         said = f"No such option {error.option_name!r}"
-        near = [option for option in error.possibilities or () if option not in LOWERS_SAFETY]
-        said += f". Did you mean {near[0]!r}?" if near else ""
+        nearest = next(iter(error.possibilities or ()), "")
+        said += f". Did you mean {nearest!r}?" if nearest and nearest not in LOWERS_SAFETY else ""
     if isinstance(error, click.NoSuchOption | click.MissingParameter) and error.ctx is not None:
         return f"{said}{'' if said.endswith('?') else ';'} rths {error.ctx.info_name} --help lists what it takes"
     if choice := re.search(r"'(.*)' is not one of (.*)", said):

@@ -28,6 +28,7 @@ import numpy as np
 from scipy.signal import StateSpace, lsim
 from scipy.stats import kstest
 
+from rths_cli.analysis.grade import GOOD, POOR, USABLE, GradeLimits, grade_of
 from rths_cli.analysis.metrics import rms, test_band
 from rths_cli.analysis.references import reference_of
 from rths_cli.case.load import load_cases
@@ -82,6 +83,8 @@ def played(case: str, number: int, sensors: str, spread: float, further: Sequenc
 KEPT = (
     "exp_rths.rms_error",
     "exp_rths.true_",
+    "exp_rths.mass_over_declared",
+    "exp_rths.stiffness_",
     "exp_rths.error_over",
     "sim_delay.",
     "sim.rms",
@@ -169,6 +172,7 @@ def told(lines: list[dict[str, Any]]) -> None:
     print(f"error: median {np.median(ratios):.4f}, 90 % {np.quantile(ratios, 0.9):.4f}, largest {ratios.max():.4f}; "
           f"floor: median {np.median(floors):.4f}, 90 % {np.quantile(floors, 0.9):.4f}; "
           f"error <= 1.2 sqrt(floor^2 + 0.04^2): {within.sum()} of {len(good)}")  # fmt: skip
+    _after_run(good)
     figures = [_bounded(line["metrics"]) for line in good if "check.true_error_bound_m_s2" in line["metrics"]]
     if figures:
         true, median, bound, measured, predicted = np.array(figures).T
@@ -185,6 +189,31 @@ def told(lines: list[dict[str, Any]]) -> None:
     ranks = [float(np.mean(line["metrics"][name])) for line in good if name in line["metrics"]]
     if ranks:
         print(f"ranks of true errors: Kolmogorov-Smirnov p {kstest(ranks, 'uniform').pvalue:.3f}")
+
+
+WORDS = (POOR, USABLE, GOOD)
+
+
+def _after_run(good: Sequence[Mapping[str, Any]]) -> None:
+    """Print how often true errors are above the bound and below the median that are stated after a run, of its worst
+    storey, and how often the word is better than they deserve."""
+    name, limits = "exp_rths.true_error_{}_percent", GradeLimits()
+    above = below = better = stated = 0
+    for line in good:
+        metrics = line["metrics"]
+        found = grade_of(metrics, limits)
+        if found is None or "exp_rths.true_reference_nrmse_percent" not in metrics:
+            continue
+        true = np.asarray(metrics["exp_rths.true_reference_nrmse_percent"])
+        worst = found.storey - 1
+        stated += 1
+        above += bool(np.any(true > np.asarray(metrics[name.format("bound")])))
+        below += bool(true[worst] < found.median)
+        known = grade_of({name.format(kind): true for kind in ("bound", "median")}, limits)
+        better += known is not None and WORDS.index(found.grade) > WORDS.index(known.grade)
+    if stated:
+        print(f"after the run: true error above the bound in {above} of {stated}, below the median in {below}; word "
+              f"better than the true error deserves in {better}")  # fmt: skip
 
 
 def _bounded(metrics: Mapping[str, Any]) -> tuple[float, ...]:

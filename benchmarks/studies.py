@@ -61,7 +61,7 @@ def join(rows: int, folder: Path) -> None:
     """Print time and memory of joining the parts."""
     start = time.monotonic()
     paths = [folder / f"part{k}.h5" for k in range(1, PARTS + 1)]
-    sweep, _ = merge_parts(paths, folder / "merged.h5", True, "benchmarks/studies.py")
+    sweep, *_ = merge_parts(paths, folder / "merged.h5", True, "benchmarks/studies.py")
     page(sweep, folder / "merged.h5")
     tell(f"{len(sweep.seed)} rows of {PARTS} parts joined", start)
 

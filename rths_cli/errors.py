@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
+
+_NO_MEMORY = ("cannot allocate memory", "can't start new thread", "failed to map segment", "unable to allocate")
 
 
 class RthsError(Exception):
@@ -34,6 +37,19 @@ class RigError(RthsError):
     """The rig or the link to it failed."""
 
     exit_code = 4
+
+
+def out_of_memory(error: BaseException) -> str:
+    """Return a sentence on too little memory where that is what an exception, or one that led to it, says; else ""."""
+    cause: BaseException | None = error
+    while cause is not None:
+        system = isinstance(cause, OSError) and cause.errno in (errno.ENOMEM, errno.EAGAIN)
+        if isinstance(cause, MemoryError) or system or any(told in str(cause).lower() for told in _NO_MEMORY):
+            return (
+                "there is too little memory (about 1 GB is needed): end other programs, or raise the limit (ulimit -v)"
+            )
+        cause = cause.__cause__ or cause.__context__
+    return ""
 
 
 def crash_note() -> str:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import shutil
 import sys
+import tempfile
+from functools import cache
 from pathlib import Path
 
 from rths_cli.errors import InputError
@@ -15,4 +19,19 @@ def user_cache() -> Path:
     try:
         return (Path(base) if base else Path.home() / ".cache") / "rths"
     except RuntimeError:
-        raise InputError("there is no home folder to keep compiled code in; set XDG_CACHE_HOME to a folder") from None
+        raise InputError("this user has no home folder; set XDG_CACHE_HOME to a folder that is kept") from None
+
+
+def cache_or_temporary() -> Path:
+    """Return rths's folder in the user's cache; for a user who has none, one that ends with this process."""
+    try:
+        return user_cache()
+    except InputError:
+        return _temporary()
+
+
+@cache
+def _temporary() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="rths-cache-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

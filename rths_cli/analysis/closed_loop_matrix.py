@@ -13,6 +13,7 @@ FORGOTTEN = 0.1  # a smaller eigenvalue decays within a few samples: it is no mo
 # Highest frequency of a motion that may outlast the padding after a record, whose length sets it and no band; fraction
 # of the motion that must be left to count
 SLOW_HZ, LEFT = 0.3, 1e-4
+COINCIDENT = 1e-3  # relative difference of two real roots that count as one double root
 
 
 class _Rows:
@@ -118,11 +119,27 @@ def slow_roots(matrix: Array, dt_s: float, time_s: float) -> ComplexArray:
     """Return the closed loop's slow roots log(z) / dt_s in rad/s, (n,).
 
     They are below SLOW_HZ, and more than the fraction LEFT of their motion is left after `time_s`. Real roots are
-    included, and of each conjugate pair the root above the real axis.
+    included, and of each conjugate pair the root above the real axis. Two real roots that coincide, as those of a
+    leaky inverse, are returned as a pair that is nearly real: the motions of both together are exp(r t) and t exp(r t).
     """
     z = np.linalg.eigvals(matrix).astype(complex)
     roots = np.log(z[(np.abs(z) > FORGOTTEN) & (z.imag >= 0.0)]) / dt_s
-    return roots[(np.abs(roots) < 2.0 * np.pi * SLOW_HZ) & (roots.real * time_s > np.log(LEFT))]
+    slow = roots[(np.abs(roots) < 2.0 * np.pi * SLOW_HZ) & (roots.real * time_s > np.log(LEFT))]
+    return _without_coincident(slow)
+
+
+def _without_coincident(roots: ComplexArray) -> ComplexArray:
+    """Return roots (k,) in which each two real ones within COINCIDENT of their size are one root of a pair."""
+    real, found = np.sort(roots[roots.imag == 0.0].real), list(roots[roots.imag != 0.0])
+    while len(real):
+        if len(real) > 1 and real[1] - real[0] <= COINCIDENT * abs(real[0]):
+            middle = 0.5 * (real[0] + real[1])
+            found.append(middle + 1j * COINCIDENT * abs(middle))
+            real = real[2:]
+        else:
+            found.append(complex(real[0]))
+            real = real[1:]
+    return np.array(found, dtype=complex)
 
 
 def modes_in_loop(roots: ComplexArray, frequency_hz: Array, damping_ratio: Array) -> tuple[Array, Array]:

@@ -27,6 +27,7 @@ from rths_cli.analysis.error_budget import (
     Linear,
     Signals,
     Undisturbed,
+    exceeds,
     samples_without_gaps,
 )
 from rths_cli.analysis.metrics import rms
@@ -133,6 +134,7 @@ def causes_of(known: Known, signals: Signals, budget: Budget, test: Undisturbed 
     found.append(Cause((FRICTION,), rms(rubs)))
     found += [Cause((OF_BUDGET[name],), budget.causes[name].storeys) for name in STATED if name in budget.causes]
     found += _random_causes(random["noise"].storeys, random["quantisation"].storeys, rms(left))
+    found = [cause for cause in found if not exceeds(cause.storeys, budget.measured.storeys)]
     return tuple(sorted(found, key=lambda cause: -cause.largest))
 
 

@@ -3,9 +3,10 @@
 The loop is linear. Its measured motion is the sum of the responses to the ground motion, to a disturbance of the
 samples (measured samples minus the identified rig's response to the commands that were sent), and to a disturbance of
 the command. The disturbance of the samples is divided further: dry friction and an error of the table's gain and delay
-are fitted to it; the difference between the floors and the identified specimen on the measured table is the specimen's
-part. The parts are time series that add up to the error; the remainder is stated. If samples were lost, the substituted
-samples minus the missing ones, as reconstructed, are a separate part, and nothing is fitted to these samples.
+are fitted to it; what is not significant of a fitted value stays in the remainder. The difference between the floors
+and the identified specimen on the measured table is the specimen's part. The parts are time series that add up to the
+error; the remainder is stated. If samples were lost, the substituted samples minus the missing ones, as reconstructed,
+are a separate part, and nothing is fitted to these samples.
 
 Storeys with laws are not linear. There the loop is not solved on lines but played with one disturbance after the other
 (`Undisturbed`): each part is then the change by its disturbance beside those before it.
@@ -119,6 +120,8 @@ CAUSES = ("declared", "coupling", "latency", "model", "friction", "specimen", "r
 DRIFT = "drift"  # a cause only if drift or jumps were removed from the sensors' samples
 LOST = "lost"  # a cause only if steps are without samples
 FITTED_HZ = (0.5, 15.0)  # of the usual test band: where friction, gain and delay are fitted to the disturbance
+SURE = 2.0  # standard uncertainties, up to which a fitted value is not significant
+LARGER = 1.1  # times the whole error: a larger part cancels others and is no cause
 ASSUMED_SCALE = 0.01  # v_s over the rms velocity if friction was not identified
 
 
@@ -234,9 +237,22 @@ def split(known: Known, signals: Signals, test: Undisturbed | None = None) -> Bu
         shown[len(sim) - len(drifted) :] = drifted
         series[DRIFT] = (shown - moved, followed + drifted[0])
     measured = (sim - reported, lines.of(signals.desired[0]) - stored[0])
-    left = tuple(whole - sum(pair[i] for pair in series.values()) for i, whole in enumerate(measured))
+    whole = _errors(known, *measured)
+    left = tuple(error - sum(pair[i] for pair in series.values()) for i, error in enumerate(measured))
     causes = {name: _errors(known, *series[name]) for name in (*CAUSES, LOST, DRIFT) if name in series}
-    return Budget(causes, _errors(known, *measured), _errors(known, *left), *fitted)
+    return Budget(causes, whole, _errors(known, *left), *fitted)
+
+
+def exceeds(part: Array, whole: Array) -> bool:
+    """Return whether a part of the errors is too large for a cause of the whole ones, (n_storeys,) each, over all
+    storeys."""
+    return float(rms(part)) > LARGER * float(rms(whole))
+
+
+def significant(value: float, off: float) -> float:
+    """Return what is significant of a fitted value with standard uncertainty `off`: the value less the share that the
+    uncertainty explains, nothing up to SURE of them."""
+    return value * max(1.0 - (SURE * off / value) ** 2, 0.0) if value != 0.0 else 0.0
 
 
 def samples_without_gaps(known: Known, signals: Signals) -> Array:
@@ -295,7 +311,8 @@ def _disturbances(
     answer = known.loop.rig * command
     rows = (answer[0], -s * answer[0])
     (gain, late), off = _told(known, disturbed[0] - friction[0], rows, _felt(known), instants)
-    parts = {"model": (gain - late * s) * answer, "friction": friction}
+    sure = [significant(*pair) for pair in zip((gain, late), off, strict=True)]
+    parts = {"model": (sure[0] - sure[1] * s) * answer, "friction": friction}
     left = disturbed[0] - parts["model"][0] - parts["friction"][0]
     parts["rest"] = known.floors * left
     parts["specimen"] = disturbed - sum(parts.values())
@@ -313,7 +330,8 @@ def friction_in_samples(
     """Return the disturbance of the samples (c, m) by friction, the excess over its identified size, its uncertainty.
 
     The size is fitted with the shape sign(v) - c v, which a gain or delay error cannot have. The excess and its
-    standard uncertainty are in V. It acts with the whole of sign(v), because no model contains its linear part.
+    standard uncertainty are in V. What is significant of it acts with the whole of sign(v), because no model contains
+    its linear part.
     """
     speed = float(rms(velocity_m_s)) or 1.0
     scale = known.friction.scale_m_s if known.friction else ASSUMED_SCALE * speed
@@ -327,7 +345,7 @@ def friction_in_samples(
     answer, s = known.loop.rig[0] * command, 2j * np.pi * known.lines.frequency_hz
     rows = (shape[0], answer, s * answer)
     (more, *_), (off, *_) = _told(known, disturbed[0] - as_identified[0], rows, np.ones(len(command)), instants)
-    return as_identified + more * through * sign, more, off
+    return as_identified + significant(more, off) * through * sign, more, off
 
 
 def _felt(known: Known) -> Array:

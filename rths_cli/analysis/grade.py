@@ -1,9 +1,10 @@
-"""The grade of a hybrid test: good, usable or poor, by its errors to SIM and to SIM-DELAY, and what limits it."""
+"""The grade of a hybrid test, good, usable or poor, by the stated bound of its true error, and what is found beside it:
+whether specimen and compensation matter, and how far the specimen is from its declaration."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +15,18 @@ BUDGET = "budget.rms_error_{}_m_s2"
 PREDICTED = "check.rms_error_{}_m_s2"
 OF_SAMPLES = ("noise", "quantisation")  # causes that are predicted alone
 WITH_SAMPLES = ("specimen", "rest")  # measured causes that hold them
+NO_CAUSE = "declared"  # in the budget: the true error does not hold what the specimen differs from its declaration by
+CALIBRATION = "calibration"  # the cause of what sensors cannot show
 LIMITING = 0.5  # smallest share of the squared error of a cause that is named alone
+LEAST_SHARE = 0.02  # of the interface floor's inertia force: a specimen with less of it hardly matters
+DECLARED = 2.0  # standard uncertainties from which the specimen is another one than declared
+CHANGED = 3.0  # standard uncertainties from which it has changed since the identification
 
 
 @dataclass(frozen=True)
 class GradeLimits:
-    """Largest errors of the worst storey, RMS in the test band: in percent of SIM's RMS, and over SIM-DELAY's error."""
+    """Largest 95 % bounds of the true error, of the worst storey in percent of SIM's RMS in the test band, and the
+    largest error over SIM-DELAY's of a test whose compensation is worth it."""
 
     good_percent: float = 2.0
     good_ratio: float = 0.1
@@ -28,40 +35,113 @@ class GradeLimits:
 
 @dataclass(frozen=True)
 class Grade:
-    """A grade with the figures that it follows from."""
+    """A grade with the figures that it follows from: the true error in percent of SIM as identified."""
 
     grade: str  # GOOD, USABLE or POOR
-    percent: float  # RMS error of the worst storey in percent of SIM's RMS
+    percent: float  # 95 % bound of the worst storey
+    median: float  # of the same storey: as likely exceeded as not
     storey: int  # that storey, from 1
-    ratio: float | None  # largest RMS error over SIM-DELAY's; None where there is no SIM-DELAY to compare with
-    ratio_storey: int | None
-    missed: str  # the limit that a better grade misses: "percent", "ratio" or ""
-    cause: str  # the cause that makes most of the worst storey's error, by its name in the budget; "" if none does
+    cause: str  # the cause that makes most of it, CALIBRATION or by its name in the budget; "" if none does
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """What the compensation is worth: the median of the true error over SIM-DELAY's error, at its largest."""
+
+    ratio: float
+    storey: int  # from 1
+    delayed_percent: float  # SIM-DELAY's own error of its worst storey, in percent of SIM
+
+    def worth_it(self, limits: GradeLimits) -> bool:
+        """Return whether it is."""
+        return self.ratio <= self.limit(limits)
+
+    def limit(self, limits: GradeLimits) -> float:
+        """Return the largest ratio; where SIM-DELAY by itself is good, the compensation must only do no harm."""
+        return limits.good_ratio if self.delayed_percent > limits.good_percent else 1.0
+
+
+@dataclass(frozen=True)
+class PhysicalPart:
+    """How much the specimen matters to the computed storeys."""
+
+    share: float  # of its base shear in the interface floor's inertia force
+    without_percent: float  # largest change of a computed storey without it, in percent of SIM; NaN: not known
+
+    def matters(self, limits: GradeLimits) -> bool:
+        """Return whether a test without it would be another one."""
+        return self.share >= LEAST_SHARE and not self.without_percent <= limits.good_percent
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far a property of the specimen is from what it is compared with."""
+
+    what: str  # "stiffness of storey", "mass of floor", "damping ratio of the specimen's mode"
+    place: int  # from 1
+    percent: float
+    error: float  # standard uncertainty in percent
 
 
 def grade_of(values: Mapping[str, ArrayLike], limits: GradeLimits) -> Grade | None:
-    """Return the grade of an EXP-RTHS by the metrics of its result; None without its errors.
+    """Return the grade of an EXP-RTHS by the metrics of its result; None without a bound of its true error.
 
-    Measured errors are graded, as on a real rig, where there are no others.
+    It follows from what every laboratory has, and on a simulated rig not from what only that one knows.
     """
-    if "exp_rths.nrmse_percent" not in values:
+    bounds, medians = (_of(values, f"exp_rths.true_error_{name}_percent") for name in ("bound", "median"))
+    if not bounds.size:
         return None
-    percents = np.atleast_1d(np.asarray(values["exp_rths.nrmse_percent"], dtype=float))
-    worst = _largest(percents)
-    percent, ratios = float(percents[worst]), _ratios(values)
-    ratio_storey = None if ratios is None else _largest(ratios)
-    ratio = None if ratios is None or ratio_storey is None else float(ratios[ratio_storey])
-    if not percent <= limits.usable_percent:
-        grade, missed = POOR, "percent"
-    elif not percent <= limits.good_percent:
-        grade, missed = USABLE, "percent"
-    elif ratio is not None and not ratio <= limits.good_ratio:
-        grade, missed = USABLE, "ratio"
-    else:
-        grade, missed = GOOD, ""
-    at = ratio_storey if missed == "ratio" and ratio_storey is not None else worst
-    number = None if ratio_storey is None else ratio_storey + 1
-    return Grade(grade, percent, worst + 1, ratio, number, missed, _cause(values, at))
+    worst = _largest(bounds)
+    percent = float(bounds[worst])
+    good, usable = percent <= limits.good_percent, percent <= limits.usable_percent
+    grade = GOOD if good else USABLE if usable else POOR
+    return Grade(grade, percent, float(medians[worst]), worst + 1, _cause(values, worst))
+
+
+def compensation_of(values: Mapping[str, ArrayLike]) -> Compensation | None:
+    """Return what the compensation is worth; None without a SIM-DELAY that has finite errors."""
+    median, delayed = _of(values, "exp_rths.true_error_median_percent"), _of(values, "sim_delay.nrmse_percent")
+    if not median.size or median.shape != delayed.shape or not (np.isfinite(delayed) & (delayed > 0.0)).all():
+        return None
+    ratios = median / delayed
+    worst = _largest(ratios)
+    return Compensation(float(ratios[worst]), worst + 1, float(delayed.max()))
+
+
+def physical_part_of(values: Mapping[str, ArrayLike]) -> PhysicalPart | None:
+    """Return how much the specimen matters; None where a result does not say."""
+    share, without = (_of(values, f"exp_rths.{name}") for name in ("specimen_share", "without_specimen_percent"))
+    return PhysicalPart(float(share[0]), float(without[0]) if without.size else math.nan) if share.size else None
+
+
+def deviations_of(values: Mapping[str, ArrayLike]) -> tuple[Deviation, ...]:
+    """Return how the identified specimen differs from the declared one, by more than DECLARED uncertainties."""
+    found = [
+        *_beyond(values, "exp_rths.stiffness_over_declared", 1.0, DECLARED, "stiffness of storey"),
+        *_beyond(values, "exp_rths.mass_over_declared", 1.0, DECLARED, "mass of floor"),
+        *_beyond(values, "exp_rths.damping_over_declared", 1.0, DECLARED, "damping ratio of the specimen's mode"),
+    ]
+    return tuple(found)
+
+
+def changes_of(values: Mapping[str, ArrayLike]) -> tuple[Deviation, ...]:
+    """Return what changed in the specimen from its identification to the run, by more than CHANGED uncertainties."""
+    if not _of(values, "exp_rths.specimen_changed").any():
+        return ()
+    return tuple(_beyond(values, "exp_rths.stiffness_change", 0.0, CHANGED, "stiffness of storey"))
+
+
+def _beyond(values: Mapping[str, ArrayLike], path: str, usual: float, sigma: float, what: str) -> Iterator[Deviation]:
+    found, errors = _of(values, path), _of(values, f"{path}_error")
+    if found.shape != errors.shape:
+        return
+    for place, (value, error) in enumerate(zip(found - usual, errors, strict=True), 1):
+        if abs(value) > sigma * error > 0.0:
+            yield Deviation(what, place, 100.0 * float(value), 100.0 * float(error))
+
+
+def _of(values: Mapping[str, ArrayLike], path: str) -> np.ndarray:
+    return np.atleast_1d(np.asarray(values.get(path, ()), dtype=float))
 
 
 def _largest(values: np.ndarray) -> int:
@@ -69,27 +149,22 @@ def _largest(values: np.ndarray) -> int:
     return int(np.argmax(np.where(np.isnan(values), math.inf, values)))
 
 
-def _ratios(values: Mapping[str, ArrayLike]) -> np.ndarray | None:
-    """Return the errors over those of SIM-DELAY (n_storeys,), None without a SIM-DELAY that has finite ones."""
-    if "sim_delay.rms_error_m_s2" not in values or "exp_rths.rms_error_m_s2" not in values:
-        return None
-    above, below = (
-        np.atleast_1d(np.asarray(values[f"{run}.rms_error_m_s2"], dtype=float)) for run in ("exp_rths", "sim_delay")
-    )
-    return above / below if np.isfinite(below).all() and (below > 0.0).all() else None
-
-
 def _cause(values: Mapping[str, ArrayLike], storey: int) -> str:
-    """Return the name of the cause with at least LIMITING of the squares of a storey's errors, "" without one.
+    """Return the name of the cause with at least LIMITING of the squares of a storey's true error, "" without one.
+
+    What the loop's measured error leaves of the median is the calibration's.
 
     What the budget measures as the specimen's and as the rest holds the noise and the rounding of the samples. Where
     the check predicted at least LIMITING of it from these two, the larger one is the cause.
     """
+    loop, median = (values.get(f"exp_rths.{name}_m_s2") for name in ("measured_loop_rms_error", "true_error_median"))
+    if loop is not None and median is not None and _square(loop, storey) < LIMITING * _square(median, storey):
+        return CALIBRATION
     first, last = BUDGET.split("{}")
     squares = {
         path.removeprefix(first).removesuffix(last): _square(value, storey)
         for path, value in values.items()
-        if path.startswith(first) and path.endswith(last)
+        if path.startswith(first) and path.endswith(last) and path != BUDGET.format(NO_CAUSE)
     }
     name = max(squares, key=squares.__getitem__, default="")
     if not name or not squares[name] >= LIMITING * sum(squares.values()) > 0.0:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rths_cli.analysis.closed_loop_response import LoopResponse, Motion, hybrid, on_perfect_table
 from rths_cli.analysis.fourier_lines import Lines
@@ -22,6 +23,8 @@ from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model, hold_size
 from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Specimen
+
+Booleans = NDArray[np.bool_]
 
 CAUSES = ("coupling", "latency", "model", "friction", "rounding", "noise", "quantisation")
 SHAKEN_POINTS = 400  # up to half the sample rate
@@ -51,6 +54,17 @@ class Prediction:
 
 
 @dataclass(frozen=True)
+class FewBits:
+    """Simulated rounding errors of a motion of a few bits: mean squares in (m/s^2)^2 in the test band."""
+
+    weight: float  # 0 to 1: with what is left to one, rounding counts as noise
+    channels: Booleans  # (c,) whose rounding was simulated; that of all others is noise
+    samples: Array  # (n_storeys + 1,) by the rounding of these channels: of the storeys, then of tracking
+    command: Array  # (n_storeys + 1,) by that of commands, unless it is shaped
+    true: Array  # (n_storeys,) by both, in the true motions
+
+
+@dataclass(frozen=True)
 class Known:
     """The inputs of a prediction; all of them are identified or declared."""
 
@@ -76,6 +90,12 @@ class Known:
     zero_m_s2: Array | None = None
     # (k,) rad/s: roots of motions of the loop that do not decay within the padding after the record
     slow_roots: ComplexArray = field(default_factory=lambda: np.zeros(0, dtype=complex))
+    few_bits: FewBits | None = None  # None: rounding of samples and commands is noise
+
+    @property
+    def bits_m_s2(self) -> Array:
+        """Return the size (c,) of a bit of the channels."""
+        return self.rig.converters.step_v / np.array([c.sensitivity_v_per_unit for c in self.rig.channels])
 
 
 def predict(known: Known) -> Prediction:
@@ -191,17 +211,15 @@ def _stochastic(known: Known, nominal: Motion) -> tuple[dict[str, Array], Array]
     """Return the power (n_storeys + 1,) in the test band of each random cause, for the storeys, then for tracking, and
     that of all together (n_storeys,) in the true motions."""
     lines, dt = known.lines, known.rig.dt_s
-    bit = known.rig.converters.step_v
-    sizes = np.array([c.sensitivity_v_per_unit for c in known.rig.channels])
+    bit, few = known.rig.converters.step_v, known.few_bits
     corrected = of_correction(known)
-    noise, bits = white_noise_m_s2(known), bit / sizes
-    shape = 1.0 - 1.0 / lines.z if known.shaped else np.ones_like(lines.z)
-    moved = hybrid(known.loop, np.zeros_like(known.ground), np.zeros_like(known.floors), shape)
+    noise, bits = white_noise_m_s2(known), known.bits_m_s2
+    moved = _by_command(known)
     shaken = _shaken(known, moved)  # spreads the samples' rounding errors
     series = lines.series(nominal.corrected)
     powers = {cause: np.zeros(len(nominal.storeys) + 1) for cause in ("noise", "quantisation", "rounding")}
     of_true = np.zeros(len(nominal.storeys))
-    for channel in range(len(sizes)):
+    for channel in range(len(bits)):
         unit = np.zeros_like(known.floors)
         unit[channel] = corrected[channel]
         made = hybrid(known.loop, np.zeros_like(known.ground), unit)
@@ -209,9 +227,11 @@ def _stochastic(known: Known, nominal: Motion) -> tuple[dict[str, Array], Array]
         rounded = rounding_power(
             lines.frequency_hz, series[channel], lines.reduced_dt_s, bits[channel], noise[channel], dt, shaken[channel]
         )
+        if few is not None and few.channels[channel]:
+            rounded = (1.0 - few.weight) * rounded
         powers["noise"] += noise[channel] ** 2 * density.sum(axis=1)
         powers["quantisation"] += density @ rounded[1:]
-        made.storeys[len(nominal.storeys) - len(sizes) + channel] -= unit[channel] * known.loop.ahead
+        made.storeys[len(nominal.storeys) - len(bits) + channel] -= unit[channel] * known.loop.ahead
         of_true += _density(known, made)[:-1] @ (noise[channel] ** 2 + rounded[1:])
     command = lines.series(nominal.command_v)
     # noise shaping adds earlier rounding errors to the command, which then varies fast enough for white noise
@@ -220,8 +240,28 @@ def _stochastic(known: Known, nominal: Motion) -> tuple[dict[str, Array], Array]
         if known.shaped
         else rounding_power(lines.frequency_hz, command, lines.reduced_dt_s, bit, 0.0, dt)
     )
+    if few is not None and not known.shaped:
+        rounded = (1.0 - few.weight) * rounded
     powers["rounding"] += _density(known, moved) @ rounded[1:]
-    return powers, of_true + powers["rounding"][:-1]
+    of_true = of_true + powers["rounding"][:-1]
+    if few is not None:
+        powers["quantisation"] += few.weight * few.samples
+        powers["rounding"] += few.weight * few.command
+        of_true = of_true + few.weight * few.true
+    return powers, of_true
+
+
+def _by_command(known: Known) -> Motion:
+    """Return the loop's response to white rounding errors of commands, of variance one per sample, as shaped."""
+    shape = 1.0 - 1.0 / known.lines.z if known.shaped else np.ones_like(known.lines.z)
+    return hybrid(known.loop, np.zeros_like(known.ground), np.zeros_like(known.floors), shape)
+
+
+def dither_m_s2(known: Known) -> Array:
+    """Return the rms (c,) of what moves the samples at random before they are rounded: the channels' noise, and the
+    motion that a noise-shaped command makes."""
+    shaken = np.array([size for size, _ in _shaken(known, _by_command(known))])
+    return np.hypot(white_noise_m_s2(known), shaken)
 
 
 def _shaken(known: Known, moved: Motion) -> list[tuple[float, float]]:
@@ -254,8 +294,7 @@ def _shaken(known: Known, moved: Motion) -> list[tuple[float, float]]:
 
 def white_noise_m_s2(known: Known) -> Array:
     """Return the standard deviation (c,) of the channels' noise before the sensor correction and before rounding."""
-    sizes = np.array([channel.sensitivity_v_per_unit for channel in known.rig.channels])
-    return _apart(known.noise_m_s2, known.rig.converters.step_v / sizes)
+    return _apart(known.noise_m_s2, known.bits_m_s2)
 
 
 def _apart(noise_m_s2: Array, bits_m_s2: Array) -> Array:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from decimal import ROUND_DOWN, Context
+from decimal import ROUND_DOWN, ROUND_UP, Context
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from rths_cli.analysis.predicted_error import (
     white_noise_m_s2,
 )
 from rths_cli.analysis.quantisation import zero_error
+from rths_cli.control.continued_table import ContinuedTable, unknown
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.margins import Margins, margins
 from rths_cli.identification.results import LevelBand
@@ -34,7 +35,6 @@ from rths_cli.rigs.description import BRAKE_SHARE, RigInfo
 SAFE, UNSAFE, UNSTABLE = VERDICTS = "safe", "unsafe", "unstable"  # the worst last
 ZERO_CHANGES = 0.05  # of a bit: standard uncertainty of a zero that a record in motion showed
 UNSEEN_CHANGE, UNCOMPARED_CHANGE = 0.01, 0.06  # change of its response that a verification accepts; without low level
-MOST_UNKNOWN = 3.0  # error of the response beyond the identified band that the feedback by itself must tolerate
 SIGMA = 3.0  # standard uncertainties of the measured response
 LEAST_DELAY_S = 1e-3  # further delay that a loop must tolerate if a smaller one is not justified
 RESERVE = 0.1  # fraction of every limit that is kept in reserve
@@ -48,17 +48,24 @@ MODES_HZ = 60.0  # of the usual compared band: highest loop mode around which th
 LEAST_LOOP = 1e-12  # a smaller loop gain counts as zero
 BESIDE = 0.1  # largest logarithm of the frequency ratio of a zero and the pole of the same mode
 DISPLACEMENT = "displacement (with room to brake)"
+# advice for a loop of table and controller alone
+ALONE = "lower feedback_bandwidth_hz, use controller FF, or identify to a higher frequency (identification.high_hz)"
 NO_ZEROS = np.empty(0, dtype=complex)
+NO_MODES = np.empty(0)
 
 
 @dataclass(frozen=True)
 class Beyond:
     """The error of the table's response beyond the identified band that the feedback by itself tolerates and must
-    tolerate, both relative, at the frequency where they are nearest."""
+    tolerate, both relative, at the frequency where they are nearest.
+
+    `needed_hz`: end of the identified band from which on the feedback would tolerate what it must; infinite: none.
+    """
 
     tolerates: float
     required: float
     at_hz: float
+    needed_hz: float = math.nan
 
 
 NO_FEEDBACK = Beyond(math.inf, 0.0, math.nan)
@@ -89,6 +96,8 @@ class Stability:
     gain_change: float = 0.0  # relative, within which it is the worst
     compared: ComparedBand = USUAL  # band in which the model was compared with its data
     feedback: Beyond = NO_FEEDBACK
+    # whether the loop on the table continued beyond the identified band encircles -1 as often as that on its model
+    same_side: bool = True
     # (c,) rms of the command's rate in V/s by white noise of 1 V (rms per sample) in each channel
     rate_by_noise: tuple[float, ...] = ()
 
@@ -159,14 +168,15 @@ class Preflight:
 def judge(
     critical: CriticalDelay, stability: Stability, reach: tuple[Reach, ...], scaling: float,
     prediction: Prediction | None, further: tuple[Fault, ...] = (), feedback: bool = False,
-    least_delay_s: float = LEAST_DELAY_S,
+    least_delay_s: float = LEAST_DELAY_S, alone: bool = False,
 ) -> Preflight:  # fmt: skip
     """Return the result of the check: unstable, unsafe with its reasons, or safe.
 
     `further`: additional reasons that make a stable loop unsafe. `feedback`: whether the controller has a feedback; if
-    so, no advice recommends one. `least_delay_s`: further delay in s that the loop must tolerate.
+    so, no advice recommends one. `least_delay_s`: further delay in s that the loop must tolerate. `alone`: the loop is
+    that of a shake-table test, and no advice speaks of a building.
     """
-    faults = faults_of_loop(stability, feedback, least_delay_s)
+    faults = faults_of_loop(stability, feedback, least_delay_s, alone)
     doubt = stability.radius >= 1.0 and stability.growth >= GROWN
     largest = min(row.largest(scaling) for row in reach)
     if stability.radius < 1.0:
@@ -218,9 +228,16 @@ def required_delay_s(
     return least if bridged else max(2.0 * dt_s, least)
 
 
-def faults_of_loop(found: Stability, feedback: bool = False, least_delay_s: float = LEAST_DELAY_S) -> list[Fault]:
-    """Return the reasons why a loop is not safe with any record; an empty list if it is safe."""
-    return _fragile(found, feedback, least_delay_s) if found.radius < 1.0 else _unstable(found)
+def faults_of_loop(
+    found: Stability, feedback: bool = False, least_delay_s: float = LEAST_DELAY_S, alone: bool = False
+) -> list[Fault]:
+    """Return the reasons why a loop is not safe with any record; an empty list if it is safe. `alone` as in `judge`."""
+    return _fragile(found, feedback, least_delay_s, alone) if found.radius < 1.0 else _unstable(found, alone)
+
+
+def faults_of_reach(rows: Sequence[Reach]) -> tuple[Fault, ...]:
+    """Return a reason for each predicted peak that leaves no reserve to its limit."""
+    return tuple(_beyond(row, 0.0, False) for row in rows if not row.share <= 1.0 - RESERVE)
 
 
 def rounded_down(value: float, digits: int = 3) -> float:
@@ -228,17 +245,21 @@ def rounded_down(value: float, digits: int = 3) -> float:
     return float(Context(prec=digits, rounding=ROUND_DOWN).create_decimal(repr(float(value))))
 
 
-def _unstable(found: Stability) -> list[Fault]:
-    if found.radius < 1.0:
-        return []
+def rounded_up(value: float, digits: int = 2) -> float:
+    """Return a positive number rounded up to at most `digits` significant digits."""
+    return float(Context(prec=digits, rounding=ROUND_UP).create_decimal(repr(float(value))))
+
+
+def _unstable(found: Stability, alone: bool) -> list[Fault]:
+    advice = ALONE if alone else "choose another controller, more damping, or less mass on the table"
     text = (
         f"the sampled closed loop is unstable: its spectral radius is {found.radius:.6f}, motions grow by a factor "
-        f"{found.growth:.3g} over the record; choose another controller, more damping, or less mass on the table"
+        f"{found.growth:.3g} over the record; {advice}"
     )
     return [Fault("unstable", text, found.radius)]
 
 
-def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[Fault]:
+def _fragile(found: Stability, feedback: bool, least_delay_s: float, alone: bool) -> list[Fault]:
     """Return a reason for each margin (table error, feedback, delay) that is smaller than required."""
     faults = []
     if not found.apart < 1.0:  # written so that NaN counts as no margin
@@ -251,22 +272,30 @@ def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[Fau
         text = (
             f"{_with_gain(found.gain)}the loop tolerates only {100.0 * found.tolerates:.2f} % error of the table at "
             f"{found.at_hz:.3g} Hz, {100.0 * found.required:.2f} % is required; "
-            f"{_advice(found.at_hz, feedback, found.compared)}"
+            f"{ALONE if alone else _advice(found.at_hz, feedback, found.compared)}"
         )
         faults.append(Fault("table error", text, _over(found.required, found.tolerates)))
+    if not found.same_side:
+        text = (
+            "beyond the identified band masses and specimen move the table otherwise than its model does, and the loop "
+            "is unstable there; identify to a higher frequency (identification.high_hz)"
+            f"{', or use controller FF' if feedback else ''}"
+        )
+        faults.append(Fault("continued table", text, math.nan))
     beyond = found.feedback
     if not beyond.tolerates >= beyond.required:
+        band = f"to {rounded_up(beyond.needed_hz):g} Hz" if math.isfinite(beyond.needed_hz) else "to a higher frequency"
         text = (
             f"the feedback by itself tolerates only {100.0 * beyond.tolerates:.3g} % error of the table at "
             f"{beyond.at_hz:.3g} Hz, beyond the identified band, {100.0 * beyond.required:.3g} % is required; lower "
-            "feedback_bandwidth_hz, use controller FF, or identify to a higher frequency"
+            f"feedback_bandwidth_hz, use controller FF, or identify {band} (identification.high_hz)"
         )
         faults.append(Fault("feedback beyond the band", text, _over(beyond.required, beyond.tolerates)))
     if not found.measured.delay_margin_s >= least_delay_s:
+        advice = ALONE if alone else "put less of the interface floor's mass on the table, or add damping"
         text = (
             f"the loop tolerates only {1e3 * found.measured.delay_margin_s:.3g} ms of further delay, "
-            f"{1e3 * least_delay_s:.3g} ms are required; put less of the interface floor's mass on the table, or add "
-            "damping"
+            f"{1e3 * least_delay_s:.3g} ms are required; {advice}"
         )
         faults.append(Fault("delay", text, _over(least_delay_s, found.measured.delay_margin_s)))
     return faults
@@ -306,29 +335,38 @@ def _beyond(row: Reach, largest: float, last: bool) -> Fault:
 def stability(
     rig: IdentifiedRig, blocks: Blocks, storeys: Block, model: Model, measured: Frf, samples: int,
     levels: Sequence[LevelBand] = (), compared: ComparedBand = USUAL, gain_uncertainty: float = 0.0,
+    continued: ContinuedTable | None = None,
 ) -> Stability:  # fmt: skip
     """Return the stability of the sampled loop of identified rig and blocks, for a record of `samples` samples.
 
     `gain_uncertainty`: relative standard uncertainty of the table's gain from the last verification to the end of the
     test. `levels`: the table's response at low level over that at full level, () without a record at low level.
-    `compared`: band in which the model was compared with its data.
+    `compared`: band in which the model was compared with its data. `continued`: the table beyond the identified band,
+    on which the loop is judged there as well (None: the model alone).
     """
     matrix = closed_loop_matrix(rig, blocks)
     values = np.linalg.eigvals(matrix).astype(complex)
     radius = float(np.abs(values).max())
-    frequency = _grid(values, rig.plant.dt_s, compared)
+    frequency = _grid(values, rig.plant.dt_s, compared, NO_MODES if continued is None else continued.modes_beyond_hz)
     loop = loop_response(rig, blocks, storeys, np.exp(2j * np.pi * frequency * rig.plant.dt_s))
     ratio = data_ratio(model, measured, frequency, compared)
     scatter = ratio_error(model, measured, frequency, compared)
     on_data, seen = loop.with_rig(ratio), loop.with_rig(_beyond_scatter(ratio, scatter))
     identified_hz = max(model.band_hz[1], compared.high_hz)
     change = SIGMA * gain_uncertainty
-    gains = np.stack([_worst_gain(each, frequency, identified_hz, change) for each in (seen, loop.loop)])
-    errors = np.stack([_tolerated(each, gain) for each, gain in zip((seen, loop.loop), gains, strict=True)])
-    tolerated, gain = errors.min(axis=0), np.where(errors[0] <= errors[1], *gains)
+    end_hz = max(min(model.band_hz[1], float(measured.frequency_hz[-1])), compared.high_hz)
+    each_loop = [seen, loop.loop]
+    if continued is not None and continued.shown:
+        beyond = frequency > continued.end_hz
+        going_on = [loop.with_rig(ratio) for ratio in _going_on(continued, frequency)]
+        each_loop = [*(np.where(beyond, going_on[0], each) for each in each_loop), *going_on[1:]]
+    gains = np.stack([_worst_gain(each, frequency, identified_hz, change) for each in each_loop])
+    errors = np.stack([_tolerated(each, gain) for each, gain in zip(each_loop, gains, strict=True)])
+    tolerated, gain = errors.min(axis=0), np.take_along_axis(gains, errors.argmin(axis=0)[None], axis=0)[0]
     measured_hz = model.band_hz[0], min(model.band_hz[1], float(measured.frequency_hz[-1]))
     unchecked = min(max(2.0 * gain_uncertainty, UNSEEN_CHANGE), UNCOMPARED_CHANGE)
-    zeros = unpaired_zeros(model, compared)
+    shown = continued is not None and continued.shown
+    zeros = NO_ZEROS if shown else unpaired_zeros(model, compared)
     wanted = required(frequency, measured_hz, scatter, levels, zeros, compared, unchecked)
     nearest = int(np.argmin(tolerated / wanted))
     weakest = int(np.argmin(np.where(frequency <= compared.high_hz, tolerated, math.inf)))
@@ -347,7 +385,8 @@ def stability(
         float(gain[nearest]),
         change,
         compared,
-        _beyond_the_band(loop.feedback * loop.rig[0], frequency, max(measured_hz[1], compared.high_hz)),
+        _beyond_the_band(loop, frequency, end_hz, continued),
+        all(_same_side(each, loop.loop) for each in each_loop[1:]),
         _rate_by_noise(loop, np.einsum("ccm->cm", blocks.correction.response(frequency)), frequency, rig.plant.dt_s),
     )
 
@@ -411,18 +450,59 @@ def required(
     return np.maximum(total, _beside(frequency_hz, end_hz, zeros))
 
 
-def _beyond_the_band(loop: ComplexArray, frequency_hz: Array, end_hz: float) -> Beyond:
+def _going_on(continued: ContinuedTable, frequency_hz: Array) -> list[ComplexArray]:
+    """Return the continued response over the model's (n,), one within the identified band: with the specimen as
+    identified, then with its frequencies shifted down and up."""
+    model = continued.model
+    over = np.exp(-2j * np.pi * frequency_hz * continued.late_s) / model.response(frequency_hz)
+    shifts = (0.0, -continued.shift, continued.shift) if continued.modes_beyond_hz.size else (0.0,)
+    beyond = frequency_hz > continued.end_hz
+    return [np.where(beyond, continued.response(frequency_hz, shift) * over, 1.0) for shift in shifts]
+
+
+def _same_side(loop: ComplexArray, modelled: ComplexArray) -> bool:
+    """Tell whether two loops (n,) encircle -1 equally often."""
+    turned = np.unwrap(np.angle((1.0 + loop) / (1.0 + modelled)))
+    return bool(abs(turned[-1] - turned[0]) < np.pi)
+
+
+def _beyond_the_band(
+    loop: LoopResponse, frequency_hz: Array, end_hz: float, continued: ContinuedTable | None
+) -> Beyond:
     """Return what the feedback's own loop (n,) tolerates beyond the end of the identified band, and what it must.
 
-    A model that rolls off too early is off by more than its response: a deck on its coil answered at 200 Hz four times
-    as much as its model, in the samples of 500 Hz.
+    It is judged on the table as it goes on with every specimen that may stand there, and on its model where nothing
+    shows how it goes on: then with any phase of the largest response. Each is off by what nobody has seen there: a deck
+    on its coil answered at 200 Hz four times as much as its model, in the samples of 500 Hz.
     """
-    if not loop.any():
+    if not loop.feedback.any():
         return NO_FEEDBACK
-    tolerated = _tolerated(loop, np.ones(len(loop)))
-    wanted = np.minimum((frequency_hz / (2.0 * end_hz)) ** 2, MOST_UNKNOWN) * (frequency_hz > end_hz)
-    at = int(np.argmax(wanted / tolerated))
-    return Beyond(float(tolerated[at]), float(wanted[at]), float(frequency_hz[at]))
+    modelled, known = loop.feedback * loop.rig[0], np.ones(len(frequency_hz))
+    if continued is None:
+        tolerated = _tolerated(modelled, known)
+    elif continued.shown:
+        tolerated = np.full(len(frequency_hz), math.inf)
+        for each in continued.variants(frequency_hz):
+            there = np.where(frequency_hz > end_hz, loop.feedback * each, modelled)
+            stands = _tolerated(there, known) if _same_side(there, modelled) else np.zeros(len(frequency_hz))
+            tolerated = np.minimum(tolerated, stands)
+    else:
+        largest = np.maximum(np.abs(loop.rig[0]), continued.largest(frequency_hz))
+        tolerated = np.maximum(1.0 / np.maximum(np.abs(loop.feedback) * largest, LEAST_LOOP) - 1.0, 0.0)
+    wanted = unknown(frequency_hz, end_hz)
+    at = int(np.argmax((wanted + LEAST_LOOP) / (tolerated + LEAST_LOOP) * (frequency_hz > end_hz)))
+    safe = tolerated[at] >= wanted[at]
+    needed_hz = end_hz if safe else _band_needed(frequency_hz, tolerated, end_hz)
+    return Beyond(float(tolerated[at]), float(wanted[at]), float(frequency_hz[at]), needed_hz)
+
+
+def _band_needed(frequency_hz: Array, tolerated: Array, end_hz: float) -> float:
+    """Return the end of the identified band from which on the tolerated error is what it must be, infinite without."""
+    for needed in frequency_hz[frequency_hz > end_hz]:
+        above = frequency_hz > needed
+        if above.any() and np.all(tolerated[above] >= unknown(frequency_hz[above], needed)):
+            return float(needed)
+    return math.inf
 
 
 def _beside(frequency_hz: Array, end_hz: float, zeros: ComplexArray) -> Array:
@@ -476,18 +556,19 @@ def _beyond_scatter(ratio: ComplexArray, scatter: Array) -> ComplexArray:
     return 1.0 + (ratio - 1.0) * np.maximum(1.0 - SIGMA * scatter / np.maximum(off, LEAST_LOOP), 0.0)
 
 
-def _grid(values: ComplexArray, dt_s: float, compared: ComparedBand) -> Array:
+def _grid(values: ComplexArray, dt_s: float, compared: ComparedBand, further_hz: Array) -> Array:
     """Return the frequencies (n,) in Hz at which the loop is evaluated, to half the sample rate, dense at its modes.
 
-    `values` (n,) are the eigenvalues of the closed-loop matrix.
+    `values` (n,) are the eigenvalues of the closed-loop matrix; `further_hz` (m,): modes beyond the band.
     """
     values = values[np.abs(values) > 0.1]
     modes = np.abs(np.log(values)) / (2.0 * np.pi * dt_s)
     lowest_hz = min(LOWEST_HZ, compared.with_low(LOWEST_HZ))
     modes = np.unique(np.round(modes[(modes > lowest_hz) & (modes < compared.with_high(MODES_HZ))], 6))
+    modes = np.concatenate([modes, further_hz])
     around = np.outer(modes, 1.0 + WIDTH * np.linspace(-1.0, 1.0, AROUND) ** 3).ravel()
     below, above = np.geomspace(lowest_hz, 0.4 / dt_s, POINTS), np.linspace(0.4 / dt_s, 0.5 / dt_s, AROUND + 1)
-    return np.unique(np.concatenate([below, above[1:], around[around < 0.5 / dt_s]]))
+    return np.unique(np.concatenate([below, above[1:], around[(around > lowest_hz) & (around < 0.5 / dt_s)]]))
 
 
 def strays(known: Known, found: Stability) -> Strays:

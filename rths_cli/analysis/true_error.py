@@ -29,6 +29,7 @@ DRAWS, SEED = 4000, 22
 LEAST_LINES = 8  # in the band of the table's model, of which its alias can be told from gain, delay and curvature
 LEAST_ERROR = 1e-4  # of a measured response, relative: with less no line is weighed more
 PREDICTION = 0.4  # standard uncertainty of the logarithm of what is predicted without regard to calibration
+MEASURED = 0.05  # the same of the loop's error as a run shows it
 BOUND = 0.95
 WORTH = 0.95  # of the bound, to which a measurement must lower it to be advised
 BETTER_GAIN, BETTER_MASS = 0.002, 0.001  # what a comparison of sensors, and a good balance, attain
@@ -42,6 +43,19 @@ class OwnError:
     changed: Array  # if the specimen's stiffness is off by one standard uncertainty; proportional to what it is off by
     pitch: Array | None = None  # by pitch of the specimen's base, where that of the reference is rigid; None: not seen
     pitch_error: float = 0.0  # relative standard uncertainty of how much it pitches
+
+
+@dataclass(frozen=True)
+class MeasuredError:
+    """What a run showed of its errors, RMS (n_storeys,) in m/s^2 in the test band unless stated otherwise."""
+
+    loop: Array  # of the loop (measured_error.py), with what sensors add to the motions that they report
+    beside: Array  # (n_storeys, p) mean products of the loop's error and those per unit of the calibration's parameters
+    read: Array  # expected of noise and rounding in `loop`
+    true: Array  # expected of noise and rounding in the true motions
+    changed: Array  # change of `loop` by what the run does not tell of the specimen: one standard uncertainty
+    pitch: Array | None = None  # as in OwnError
+    pitch_error: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -110,6 +124,14 @@ def sensitivities(
     `sim` (n_storeys, m): accelerations of SIM of the building as identified; `corners_hz` (c,) of the AC couplings;
     `table` as identified from its response `measured`.
     """
+    errors, shown = errors_by_calibration(building, lines, sim, corners_hz, table, measured)
+    return Sensitivities(gram(lines, errors), gram(lines, shown))
+
+
+def errors_by_calibration(
+    building: Building, lines: Lines, sim: ComplexArray, corners_hz: Array, table: Model, measured: Frf
+) -> tuple[list[ComplexArray], list[ComplexArray]]:
+    """Return the true errors (n_storeys, m) per unit of each parameter, and those that the sensors show of it."""
     p, masses = len(building.numerical.masses_kg), building.specimen.masses_kg
     floors = len(masses)
     to_force = _per_interface_force(building, lines.frequency_hz)
@@ -118,7 +140,7 @@ def sensitivities(
     readings = _readings(lines.frequency_hz, corners_hz)
     if table.ripple_m_s2_per_v != 0.0:
         readings[:, 0] -= _taken_up(lines.frequency_hz, float(corners_hz[0]), table, measured)
-    errors, shown = [], []
+    errors, shown = list[ComplexArray](), list[ComplexArray]()
     for reading in readings:
         for channel in range(1 + floors):
             share = np.zeros((1 + floors, lines.count), dtype=complex)
@@ -132,7 +154,7 @@ def sensitivities(
             read[p - 1 + channel] = reading[channel] * there[channel]
             shown.append(errors[-1] + read)
     of_masses = [to_force * masses[floor] * there[1 + floor] for floor in range(floors)]
-    return Sensitivities(_gram(lines, [*errors, *of_masses]), _gram(lines, [*shown, *of_masses]))
+    return [*errors, *of_masses], [*shown, *of_masses]
 
 
 def _readings(frequency_hz: Array, corners_hz: Array) -> ComplexArray:
@@ -170,7 +192,7 @@ def _alias(frequency_hz: Array, table: Model) -> ComplexArray:
     return table.alias(frequency_hz) / table.response(frequency_hz)
 
 
-def _gram(lines: Lines, errors: Sequence[ComplexArray]) -> Array:
+def gram(lines: Lines, errors: Sequence[ComplexArray]) -> Array:
     """Return the mean products (n_storeys, p, p) of errors (n_storeys, m) in the test band."""
     series = lines.evaluated(np.array(errors))
     return np.asarray(np.einsum("psn,qsn->spq", series, series, optimize=True) / series.shape[-1])
@@ -193,6 +215,38 @@ def true_error(known: Sensitivities, found: Calibration, own: OwnError) -> TrueE
         np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), own.pitch,
         drawn,
     )  # fmt: skip
+
+
+def true_error_of_run(of_calibration: Array, covariance: Array, run: MeasuredError) -> TrueError:
+    """Return the distribution of the true errors of a run, whose loop's error is measured and not predicted.
+
+    `of_calibration` (n_storeys, p, p): mean products of the true errors per unit of the calibration's parameters.
+
+    The error of the loop is a known series, so that an error of the calibration may add to it or take it away.
+    """
+    random = np.random.default_rng(SEED)
+    values, vectors = np.linalg.eigh(covariance)
+    parameters = random.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    squares = np.einsum("dp,spq,dq->ds", parameters, of_calibration, parameters, optimize=True)
+    squares += 2.0 * parameters @ run.beside.T
+    louder = np.exp(PREDICTION * random.standard_normal((DRAWS, 1)))  # noise than predicted
+    certain = np.maximum(run.loop**2 - (louder * run.read) ** 2, 0.0) * np.exp(
+        2.0 * MEASURED * random.standard_normal((DRAWS, 1))
+    )
+    squares = np.maximum(squares + certain, 0.0) + (louder * run.true) ** 2
+    squares += (run.changed * random.standard_normal((DRAWS, 1))) ** 2
+    if run.pitch is not None:
+        squares += (run.pitch * (1.0 + run.pitch_error * random.standard_normal((DRAWS, 1)))) ** 2
+    drawn, parts = np.sqrt(squares), np.einsum("spq,pq->s", of_calibration, covariance)
+    return TrueError(
+        np.median(drawn, axis=0), np.quantile(drawn, BOUND, axis=0), np.sqrt(np.maximum(parts, 0.0)), run.pitch, drawn
+    )
+
+
+def products(lines: Lines, errors: Sequence[ComplexArray], other: ComplexArray) -> Array:
+    """Return the mean products (n_storeys, p) in the test band of errors and another one, all (n_storeys, m)."""
+    series, beside = lines.evaluated(np.array(errors)), lines.evaluated(other)
+    return np.asarray(np.einsum("psn,sn->sp", series, beside) / series.shape[-1])
 
 
 def best_remedy(known: Sensitivities, found: Calibration, own: OwnError) -> Remedy | None:

@@ -172,6 +172,13 @@ class RunResult:
         return self.contents.attributes
 
     @property
+    def verdict(self) -> str:
+        """Return the sentences that say whether the test can be trusted, as `rths run` ends with them."""
+        from rths_cli.report.answer import verdict
+
+        return verdict(self.contents)
+
+    @property
     def metrics(self) -> Mapping[str, float | Array]:
         """Return the figures by their paths."""
         return Figures(self.contents.metrics)

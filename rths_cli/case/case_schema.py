@@ -69,10 +69,15 @@ class RecordSpec(Strict):
         min_length=1,
         max_length=20,
         description="unit of the accelerations, where the file does not state it: m/s^2, cm/s^2, gal, g, mm/s^2, "
-        "in/s^2",
+        "in/s^2, ft/s^2, mg, %g",
     )
     dt_s: Annotated[float, Range(gt=0, le=10)] | None = Field(
         default=None, description="interval of the samples, where the file does not state it"
+    )
+    baseline: Literal["mean", "linear", "none"] | None = Field(
+        default=None,
+        description="what is removed from the record before it is scaled: its mean, or its least-squares line; none: "
+        "nothing, and a motion that begins with a step is run as it is; default: nothing, and such a motion is refused",
     )
 
     @property
@@ -229,16 +234,17 @@ class KalmanSpec(Strict):
 
 
 class GradeLimitsSpec(Strict):
-    """Hold the largest errors of a good and of a usable hybrid test, of its worst storey, RMS in the test band."""
+    """Hold the largest 95 % bounds of the true error of a good and of a usable hybrid test, of its worst storey."""
 
     good_percent: Annotated[float, Range(gt=0, le=100)] = Field(
-        default=2.0, description="in percent of SIM's RMS, of a good test"
+        default=2.0, description="95 % bound of the true error in percent of SIM's RMS, of a good test"
     )
     good_ratio: Annotated[float, Range(gt=0, le=1)] = Field(
-        default=0.1, description="over SIM-DELAY's error, of a good test"
+        default=0.1,
+        description="true error over SIM-DELAY's, of a compensation that is worth it; no part of the grade",
     )
     usable_percent: Annotated[float, Range(gt=0, le=100)] = Field(
-        default=5.0, description="in percent of SIM's RMS, of a usable test"
+        default=5.0, description="95 % bound of the true error in percent of SIM's RMS, of a usable test"
     )
 
     @classmethod
@@ -352,7 +358,14 @@ class CaseKeys(Strict):
         "the weighing of the floors: the residual drift of storeys with laws is stated with what it makes of it",
     )
     grade_limits: GradeLimitsSpec = Field(
-        default=GradeLimitsSpec(), description="from which errors on a test is no longer called good, or usable"
+        default=GradeLimitsSpec(),
+        description="from which bounds of the true error on a test is no longer called good, or usable",
+    )
+    plausible: tuple[Annotated[str, Field(min_length=1, max_length=100)], ...] | None = Field(
+        default=None,
+        max_length=100,
+        description="keys whose doubted numbers are right, by path (table.limits.force_n): the doubt is no longer "
+        "told, and a real rig moves",
     )
     seed: Seed = Field(default=0, description="seed of the noise in the runs")
     notes: str = Field(default="", description="any text; it goes into the result")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,7 +31,7 @@ from rths_cli.case.scale_schema import ScaleSpec
 from rths_cli.case.shipped_files import shipped
 from rths_cli.case.structure_schema import DampingSpec, StructureSpec
 from rths_cli.case.study_schema import StudyKeys
-from rths_cli.case.yaml_reader import dump, parse, read_file
+from rths_cli.case.yaml_reader import dump, odd_space_in, parse, read_file
 from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, display, join, plain
 from rths_cli.errors import InputError
 
@@ -340,6 +340,8 @@ def _fault(tree: Node, kind: str, loc: tuple[int | str, ...], message: str) -> F
         at_key = False  # it is missing in the file that is named here
     name = next((part for part in reversed(loc) if isinstance(part, str)), "")
     mark = node.place if at_key else node.mark
+    if kind == "unknown_key" and mark.line and (odd := odd_space_in(name)):
+        return Fault(replace(mark, column=mark.column + odd[0]), path, odd[1])
     if kind == "unknown_key" and not mark.line:
         message = _as_typed(message, path, mark.source.label)
     return Fault(mark, path, with_advice(name, message))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from importlib.metadata import EntryPoint, entry_points
 
-GROUP = "rths.rigs"
+from rths_cli.case.plugin_interface import RIGS
+
+GROUP = RIGS
 
 
 def plugin_kinds() -> dict[str, tuple[EntryPoint, ...]]:

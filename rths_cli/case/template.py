@@ -34,7 +34,8 @@ controller: FF+FB              # FF, FF+FB or none (the table as delivered)
 # session_record: automatic      # always or never: the identification's quiet record once more before the table runs
 # shear_from: accelerations      # or load_cell, or both, where the rig has one under the specimen
 # base_shear_uncertainty: 0.01   # of accelerometers and weighed masses, for the residual drift of storeys with laws
-# grade_limits: {good_percent: 2, good_ratio: 0.1, usable_percent: 5}   # of SIM, of SIM-DELAY's error, of SIM
+# grade_limits: {good_percent: 2, good_ratio: 0.1, usable_percent: 5}   # bound in % of SIM; over SIM-DELAY
+# plausible: [scaling]            # keys whose doubted numbers are right
 # reference: zhang2015           # published figures to print beside ours
 # notes: what this case is for
 """

@@ -128,7 +128,9 @@ class ConverterImperfections(Imperfection):
     """Hold when the converters act, against their common clock."""
 
     command_skew_s: Annotated[Values, Each(ge=-1e-3, le=1e-3)] = Field(
-        default=NONE, description="by how much the command changes after its clock"
+        default=NONE,
+        description="by how much the command changes after its clock, on a rig with latency within 0.45 of a sample "
+        "interval",
     )
     command_jitter_s: Annotated[Values, Each(ge=0, le=1e-3)] = Field(
         default=NONE, description="standard deviation of that instant"

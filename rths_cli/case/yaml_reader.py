@@ -10,6 +10,7 @@ import math
 import os
 import re
 import stat
+import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -25,6 +26,8 @@ MAX_NODES = 20_000
 MAX_DEPTH = 50
 MAX_DIGITS = 18
 
+_SPACES = re.compile("[\\u00a0\\u1680\\u2000-\\u200b\\u202f\\u205f\\u3000\\ufeff]")  # of other kinds than YAML's
+_STRUCTURAL = re.compile(f"(?:^|:|-) *({_SPACES.pattern})|({_SPACES.pattern}) *:")
 _TAG = "tag:yaml.org,2002:"
 _QUOTED = re.compile(r"""["\\]|^ *(?:- )*(?:\? |'':)""", re.MULTILINE)
 _SCALARS = {
@@ -182,11 +185,34 @@ def _syntax_fault(error: Exception, text: str, source: Source) -> Fault:
         elif close := re.match(r"(\s*\w+):(?=[^\s:])", before):
             written = before.strip()[:40]
             line, column, problem = line - 1, close.end(), f"a space is missing behind the colon in {written!r}"
+    if odd := _odd_space(text, line):
+        line, column, problem = odd
     if "'\\t'" in problem:
         problem = "a tab; indent with spaces"
     if "single document" in str(error):
         problem = "a second document begins here; keep one"
     return Fault(Mark(source, line, column), "", f"not valid YAML: {problem}")
+
+
+def _odd_space(text: str, last_line: int) -> tuple[int, int, str] | None:
+    """Return place and name of a space that is none of YAML's where YAML needs one, in a line or the one before it."""
+    for number, line in list(enumerate(text.splitlines()[:last_line], 1))[-2:]:
+        plain = re.sub(r"\"[^\"]*\"|'[^']*'|#.*", lambda quoted: "x" * len(quoted[0]), line)
+        if match := _STRUCTURAL.search(plain):
+            place = match.start(1) if match[1] else match.start(2)
+            return number, place + 1, f"{_named(plain[place])} stands here; type a usual space in its place"
+    return None
+
+
+def odd_space_in(key: str) -> tuple[int, str] | None:
+    """Return the place in a key, from 0, of a space that is none of YAML's, and a sentence on it; None without one."""
+    match = _SPACES.search(key)
+    return None if match is None else (match.start(), f"{_named(match[0])} stands in this key; type it again without")
+
+
+def _named(space: str) -> str:
+    """Return the name of an unusual space: a no-break space, most often, as PDF and web pages hold it."""
+    return f"a {unicodedata.name(space, 'space of another kind').lower()} (U+{ord(space):04X})"
 
 
 @dataclass

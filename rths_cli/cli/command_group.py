@@ -16,7 +16,7 @@ PARTS = {
     "Run": ("check", "run", "sweep", "merge"),
     "Look": ("report", "export"),
     "Prepare": ("new", "list", "structure", "records", "schema", "identify"),
-    "Real rigs": ("doctor", "calibrate", "serve", "recover"),
+    "Real rigs": ("doctor", "calibrate", "serve", "recover", "plugin"),
 }
 LONGEST = 200  # characters of the first sentence: all of it, over several lines
 OTHERS = "Other"  # commands that stand in none of the parts

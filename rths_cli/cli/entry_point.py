@@ -19,7 +19,7 @@ import click
 from rths_cli.cli.command_group import SIGNALS, cli
 from rths_cli.cli.completion import FileOfKind
 from rths_cli.cli.logs import LOG, PRINTED, end_logs
-from rths_cli.errors import InputError, RthsError, crash_note
+from rths_cli.errors import InputError, RthsError, crash_note, out_of_memory
 from rths_cli.interrupts import INTERRUPTED, TERMINATED, Terminated, any_abandoned
 from rths_cli.safe_text import OutputError, PrintedStream, shortened
 
@@ -155,6 +155,8 @@ def _fault_of_ours(error: Exception) -> int:
     if isinstance(error, OSError) and error.errno in NO_SPACE:
         where = f"{error.filename}: " if error.filename else ""
         return _say([f"rths: {where}{error.strerror}; free some space and start again"], 2)
+    if told := out_of_memory(error):
+        return _say([f"rths: {told}"], 2)
     return _say([f"rths: internal error ({type(error).__name__}); {crash_note()}"], 5)
 
 

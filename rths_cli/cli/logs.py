@@ -68,6 +68,8 @@ def end_logs() -> None:
 def _to_file(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
     if path is None:
         return
+    if path.is_fifo() or path.is_block_device() or path.is_socket():
+        raise InputError(f"--log {path}: is no file; give the name of one, or -v to read on stderr what is done")
     handler = AppendingHandler(path)
     try:
         handler.append("")

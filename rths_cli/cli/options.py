@@ -81,6 +81,12 @@ def no_replace_option(command: F) -> F:
     return click.option("--no-replace", is_flag=True, help=about)(command)
 
 
+def force_option(command: F) -> F:
+    """Add --force."""
+    about = "Replace a finished sweep of another case, grid or part, too."
+    return click.option("--force", is_flag=True, help=about)(command)
+
+
 def methods_option(more: str) -> Callable[[F], F]:
     """Add --method, repeatable; `more` ends its help."""
     about = f"Method instead of the case's own; give both to {more}."

@@ -25,8 +25,20 @@ from rths_cli.cli.terminal import page_width
     metavar="KEY=VALUE",
     help="Show the record as a case with this scale compresses it, for instance --scale length=2.4. Repeatable.",
 )
+@click.option(
+    "--baseline",
+    type=click.Choice(["mean", "linear", "none"]),
+    help="Show the record without its mean or its straight line, as a case with this key takes it.",
+)
 @json_option
-def records(record: str | None, unit: str | None, dt_s: float | None, scale: tuple[str, ...], as_json: bool) -> int:
+def records(
+    record: str | None,
+    unit: str | None,
+    dt_s: float | None,
+    scale: tuple[str, ...],
+    baseline: str | None,
+    as_json: bool,
+) -> int:
     """Show a ground motion: peaks, duration, response spectrum. Without RECORD: list those that are known.
 
     Example: rths records el_centro
@@ -38,6 +50,6 @@ def records(record: str | None, unit: str | None, dt_s: float | None, scale: tup
     from rths_cli.case.scale_schema import read_scale
     from rths_cli.experiment.ground_motion_list import show
 
-    document, text = show(record, unit, dt_s, page_width(), read_scale(scale))
+    document, text = show(record, unit, dt_s, page_width(), read_scale(scale), baseline)
     click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
     return 0

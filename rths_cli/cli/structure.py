@@ -36,7 +36,7 @@ def structure(structure: str | None, figure: Path | None, no_replace: bool, as_j
         from rths_cli.files.existing_files import Kind, check_existing
         from rths_cli.report.structure_figure import write_figure
 
-        replaced = check_existing([(figure, Kind.DOCUMENT)], not no_replace)
+        replaced = check_existing([(figure, Kind.DOCUMENT)], not no_replace, streams=True)
         write_figure(found, figure)
         click.echo(f"{'replaced' if replaced else 'wrote'} {figure}", err=True)
     if as_json:

@@ -13,6 +13,7 @@ from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import (
     FILE,
     command_line,
+    force_option,
     json_option,
     methods_option,
     no_replace_option,
@@ -77,6 +78,7 @@ class Part(click.ParamType):
 @click.option("--csv", type=FILE, metavar="FILE", help="Write the table as CSV too.")
 @methods_option("run both")
 @no_replace_option
+@force_option
 @click.option("--resume", is_flag=True, help="Go on with an interrupted sweep.")
 @overrides_option(
     ["check", "model"],
@@ -97,6 +99,7 @@ def sweep(
     csv: Path | None,
     methods: tuple[str, ...],
     no_replace: bool,
+    force: bool,
     resume: bool,
     overrides: tuple[str, ...],
     quiet: bool,
@@ -118,6 +121,8 @@ def sweep(
     chosen = tuple(dict.fromkeys(methods))
     varied = (f"method={','.join(chosen)}",) if len(chosen) > 1 else ()
     one = (f"method={chosen[0]}",) if len(chosen) == 1 else ()
+    if force and (no_replace or resume):
+        raise InputError("--force replaces a finished sweep; --no-replace and --resume do not: give one of them")
     request = SweepRequest(
         asked=Asked(case, (*settings, *one), (*varied, *vary), seeds),
         output=output,
@@ -128,6 +133,7 @@ def sweep(
         command_line=command_line(),
         overrides=tuple(dict.fromkeys(overrides)),
         part=part,
+        force=force,
     )
     screen = new_screen(quiet)
     swept = run_sweep(request, screen)

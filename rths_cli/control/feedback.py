@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from rths_cli.control.continued_table import ContinuedTable
 from rths_cli.control.margins import (
     Margins,
     bandwidth_hz,
@@ -29,6 +31,8 @@ BAND_SHARE = 2.0 / 3.0  # of the identified band: the highest bandwidth a model 
 LEAST_USE = 0.9
 DOUBTFUL = 0.1  # relative error of a line that says nothing of the loop
 LAST_LINES = 20  # of the measured response, from which the model goes on
+ROLL_OFFS = (0.5,)  # corners over the end of the identified band, tried where the plain feedback is too loud
+QUIETER = 0.95  # of the permitted gain: the check looks at other frequencies
 AROUND_ROOT = np.linspace(-4.0, 4.0, 25)  # half widths of a resonance at which a loop is judged
 
 Plant = tuple[Array, Array, Array, Array, Array, Array]
@@ -58,12 +62,14 @@ DEFAULT = Weights()
 @dataclass(frozen=True)
 class Table:
     """The identified table on which a loop is judged, (n,) each: `measured` where it was, the model's way elsewhere;
-    `modelled` everywhere the model; `relative_error`: standard error of |measured| over |measured|, 0 elsewhere."""
+    `modelled` everywhere the model; `relative_error`: standard error of |measured| over |measured|, 0 elsewhere;
+    `permitted`: largest gain of the feedback in V per m/s^2, infinite where the table is known."""
 
     frequency_hz: Array
     measured: ComplexArray
     modelled: ComplexArray
     relative_error: Array
+    permitted: Array
 
 
 @dataclass(frozen=True)
@@ -134,8 +140,48 @@ def lqg(model: Model, noise: float, dt_s: float, weights: Weights = DEFAULT) -> 
     line, moves the table aside by a bounded distance instead of driving it to its stop. The default one of 0.1 Hz
     leads by 6 degrees at 1 Hz, the lower end of the disturbance.
     """
-    plant = lqg_plant(sampled_table(model, dt_s), dt_s, weights)
-    return _regulator(plant, regulator_gain(model, plant, weights), noise, dt_s, weights)
+    return _with_noise(_known_plant(model, sampled_table(model, dt_s), dt_s, weights), noise, dt_s, weights)
+
+
+class KnownPlant(NamedTuple):
+    """The plant of the regulator with its state feedback and what a roll-off makes of the command.
+
+    With a roll-off the plant's command v is filtered before it is sent: u = `sent` x + `sent_direct` v. A shortfall s
+    of u enters the plant by `short` and the error by `short_direct`.
+    """
+
+    plant: Plant
+    gain: Array  # (1, n)
+    sent: Array  # (1, n)
+    sent_direct: Array  # (1, 1)
+    short: Array  # (n, 1)
+    short_direct: Array  # (1, 1)
+
+
+def _known_plant(
+    model: Model, table: StateSpace, dt_s: float, weights: Weights, roll_off_hz: float = 0.0
+) -> KnownPlant:
+    """Return the plant with its state feedback; `roll_off_hz`: corner of a low pass of second order (Butterworth) that
+    the command passes and that the regulator knows, 0: none."""
+    if roll_off_hz == 0.0:
+        plant = lqg_plant(table, dt_s, weights)
+        gain = regulator_gain(model, plant, weights)
+        return KnownPlant(plant, gain, np.zeros_like(gain), np.ones((1, 1)), plant[1], plant[3])
+    corner = 2.0 * np.pi * roll_off_hz
+    poles = np.asarray(corner * np.exp(1j * np.pi * np.array([0.75, -0.75])), dtype=complex)
+    low = discretise(from_roots(np.zeros(0, dtype=complex), poles, corner**2), dt_s, "foh", "roll_off", ("v",), ("u",))
+    n, m = len(low.A), len(table.A)
+    both = StateSpace(
+        np.block([[low.A, np.zeros((n, m))], [table.B @ low.C, table.A]]),
+        np.vstack([low.B, table.B @ low.D]),
+        np.hstack([table.D @ low.C, table.C]),
+        table.D @ low.D,
+    )
+    plant = lqg_plant(both, dt_s, weights)
+    gain = regulator_gain(model, plant, weights)
+    sent, short = np.zeros_like(gain), np.zeros_like(plant[1])
+    sent[:, :n], short[n : n + m] = low.C, table.B
+    return KnownPlant(plant, gain, sent, low.D, short, table.D)
 
 
 def regulator_gain(model: Model, plant: Plant, weights: Weights) -> Array:
@@ -146,26 +192,27 @@ def regulator_gain(model: Model, plant: Plant, weights: Weights) -> Array:
     return riccati_gain(a, b, c.T @ c, cost, c.T @ direct)
 
 
-def _regulator(plant: Plant, gain: Array, noise: float, dt_s: float, weights: Weights) -> Block:
+def _with_noise(known: KnownPlant, noise: float, dt_s: float, weights: Weights) -> Block:
     """Return the regulator that a state feedback K and the observer L for this noise make, with its high pass.
 
-    v = -K x, x+ = A x + B (v + s) + L (-e - C x - D (v + s)): e is the tracking error and s the shortfall, applied less
-    wanted command, so that s enters by B - L D. The command is u = v - w, w+ = w + (1 - p) (u + s), which is the high
-    pass (z - 1) / (z - p). It sums the command that was applied, so that a limit does not wind it up either. The state
-    is x, w; without a high pass it is x.
+    v = -K x, x+ = A x + B v + B_s s + L (-e - C x - D v - D_s s): e is the tracking error and s the shortfall, applied
+    less wanted command. The command is u = y - w, where y is v or what the roll-off makes of it, and
+    w+ = w + (1 - p) (u + s), which is the high pass (z - 1) / (z - p). It sums the command that was applied, so that a
+    limit does not wind it up either. The state is x, w; without a high pass it is x.
     """
-    a, b, c, direct, drive, drive_direct = plant
+    a, b, c, direct, drive, drive_direct = known.plant
     variance = drive_direct @ drive_direct.T + noise**2
     observer = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T).T
-    shortfall, states = b - observer @ direct, len(a)
-    closed = a - b @ gain - observer @ (c - direct @ gain)
+    shortfall, states = known.short - observer @ known.short_direct, len(a)
+    closed = a - b @ known.gain - observer @ (c - direct @ known.gain)
+    made = known.sent - known.sent_direct @ known.gain
     if weights.high_pass_hz == 0.0:
         through, nothing = np.hstack([-observer, shortfall]), np.zeros((1, 2))
-        return Block("feedback", closed, through, -gain, nothing, dt_s, INPUTS, OUTPUTS)
+        return Block("feedback", closed, through, made, nothing, dt_s, INPUTS, OUTPUTS)
     share = -math.expm1(-2.0 * math.pi * weights.high_pass_hz * dt_s)
-    whole = np.block([[closed, np.zeros((states, 1))], [-share * gain, np.array([[1.0 - share]])]])
+    whole = np.block([[closed, np.zeros((states, 1))], [share * made, np.array([[1.0 - share]])]])
     inputs = np.block([[-observer, shortfall], [np.array([[0.0, share]])]])
-    outputs = np.hstack([-gain, [[-1.0]]])
+    outputs = np.hstack([made, [[-1.0]]])
     return Block("feedback", whole, inputs, outputs, np.zeros((1, 2)), dt_s, INPUTS, OUTPUTS)
 
 
@@ -213,7 +260,7 @@ def table_response(model: Model, measured: Frf | None, dt_s: float) -> Table:
     modelled = model.response(grid)
     good = np.zeros(0, dtype=bool) if measured is None else measured.relative_error <= DOUBTFUL
     if measured is None or not good.any():
-        return Table(grid, modelled, modelled, np.zeros(grid.size))
+        return Table(grid, modelled, modelled, np.zeros(grid.size), np.full(grid.size, np.inf))
     frequency, error = measured.frequency_hz[good], measured.relative_error[good]
     ratio = (measured.response[good] - model.alias(frequency)) / model.response(frequency)
     real, imag = (np.interp(grid, frequency, v, left=u) for v, u in ((ratio.real, 1.0), (ratio.imag, 0.0)))
@@ -225,7 +272,8 @@ def table_response(model: Model, measured: Frf | None, dt_s: float) -> Table:
     if untold_s > 0.0:
         loud = np.abs(model.response(frequency[-1:]) * joined[-1]) * np.sqrt(frequency[-1] / grid)
         response *= np.where(beyond > 0.0, np.maximum(loud / np.abs(response), 1.0), 1.0)
-    return Table(grid, response, modelled, np.where(inside, np.interp(grid, frequency, error), 0.0))
+    relative = np.where(inside, np.interp(grid, frequency, error), 0.0)
+    return Table(grid, response, modelled, relative, np.full(grid.size, np.inf))
 
 
 def is_stable(model: Model, block: Block, dt_s: float) -> bool:
@@ -254,46 +302,87 @@ def design(
     bandwidth_hz: float | None,
     max_sensitivity: float,
     weights: Weights = DEFAULT,
+    continued: ContinuedTable | None = None,
 ) -> Feedback:
     """Return the fastest LQG feedback, found by bisection on the noise, that is stable, keeps max |S| within its limit
     on measured response and model, and crosses a loop gain of one at the wanted bandwidth or below (default and most:
     2/3 of the identified band).
+
+    With a `continued` table it must also be so quiet beyond the identified band that its loop is safe there whatever
+    the table does (`ContinuedTable.permitted`). Where that would cost bandwidth, feedbacks with a roll-off are designed
+    as well, and the one that takes most off the error is returned. Where none of them is of use, it is the one of no
+    continued table, for the check to judge.
 
     Raises InputError when what remains takes less than a tenth off the error anywhere in `disturbance_hz`.
     """
     most = BAND_SHARE * model.band_hz[1]
     wanted = most if bandwidth_hz is None else min(bandwidth_hz, most)
     table, sampled = table_response(model, measured, dt_s), sampled_table(model, dt_s)
-    plant = lqg_plant(sampled, dt_s, weights)
-    gain = regulator_gain(model, plant, weights)
-    low, high = NOISE_RANGE
-    best = _regulator(plant, gain, high, dt_s, weights)
-    useful = _keeps(best, table, wanted, max_sensitivity)
-    for _ in range(BISECTIONS):
-        noise = float(np.sqrt(low * high))
-        found = _attempt(plant, gain, noise, dt_s, weights)
-        if found and _keeps(found, table, wanted, max_sensitivity) and _holds(sampled, found):
-            high, best, useful = noise, found, True
-        else:
-            low = noise
-    if not useful or _least_sensitivity(best, table, weights.disturbance_hz) > LEAST_USE:
+
+    def fastest(table: Table, roll_off_hz: float = 0.0) -> Block | None:
+        known = _known_plant(model, sampled, dt_s, weights, roll_off_hz)
+        return _fastest(known, table, sampled, wanted, max_sensitivity, dt_s, weights)
+
+    best = fastest(table)
+    if best is None:
         raise InputError(
             f"controller: no feedback with a sensitivity peak of {max_sensitivity:g} or less is of use on this table; "
             "use controller: FF, raise max_sensitivity or lower command_weight"
         )
+    if continued is not None:
+        limited = replace(table, permitted=continued.permitted(table.frequency_hz))
+        if not _quiet(best, limited):
+            corners = (0.0, *(share * continued.end_hz for share in ROLL_OFFS))
+            found = [block for corner in corners if (block := fastest(limited, corner)) is not None]
+            best = min(found, key=lambda block: _error_left(block, table, weights), default=best)
     return with_margins(best, table)
 
 
-def _attempt(plant: Plant, gain: Array, noise: float, dt_s: float, weights: Weights) -> Block | None:
+def _fastest(
+    known: KnownPlant, table: Table, sampled: StateSpace, most_hz: float, max_sensitivity: float, dt_s: float,
+    weights: Weights,
+) -> Block | None:  # fmt: skip
+    """Return the feedback with the least noise that keeps the limits, None where none is of use."""
+    low, high = NOISE_RANGE
+    best = _with_noise(known, high, dt_s, weights)
+    useful = _keeps(best, table, most_hz, max_sensitivity)
+    for _ in range(BISECTIONS):
+        noise = float(np.sqrt(low * high))
+        found = _attempt(known, noise, dt_s, weights)
+        if found and _keeps(found, table, most_hz, max_sensitivity) and _holds(sampled, found):
+            high, best, useful = noise, found, True
+        else:
+            low = noise
+    if not useful or _least_sensitivity(best, table, weights.disturbance_hz) > LEAST_USE:
+        return None
+    return best
+
+
+def _attempt(known: KnownPlant, noise: float, dt_s: float, weights: Weights) -> Block | None:
     """Return the feedback for this noise, None when it has no observer."""
     try:
-        return _regulator(plant, gain, noise, dt_s, weights)
+        return _with_noise(known, noise, dt_s, weights)
     except InputError:
         return None
 
 
+def _quiet(block: Block, table: Table) -> bool:
+    """Tell whether a feedback keeps its gain within the permitted one."""
+    return bool(np.all(np.abs(block.response(table.frequency_hz)[0, 0]) <= QUIETER * table.permitted))
+
+
+def _error_left(block: Block, table: Table, weights: Weights) -> float:
+    """Return the mean of |S|^2 over the logarithmic frequencies of the disturbance."""
+    inside = (table.frequency_hz >= weights.disturbance_hz[0]) & (table.frequency_hz <= weights.disturbance_hz[1])
+    at = np.log(table.frequency_hz[inside])
+    left = np.abs(sensitivity(block, table.measured, table.frequency_hz)[inside]) ** 2
+    return float(np.trapezoid(left, at) / (at[-1] - at[0]))
+
+
 def _keeps(block: Block, table: Table, most_hz: float, max_sensitivity: float) -> bool:
-    """Tell whether a feedback keeps both limits, and is stable on the measured response if it is with the model."""
+    """Tell whether a feedback keeps all limits, and is stable on the measured response if it is with the model."""
+    if not _quiet(block, table):
+        return False
     loop, modelled = _loops(block, table)
     least = min(np.abs(1.0 + loop).min(), np.abs(1.0 + modelled).min())
     if not (_apart(loop, modelled) < 1.0 and least * max_sensitivity >= 1.0):  # on the points already; NaN keeps none

@@ -9,8 +9,9 @@ import numpy as np
 
 from rths_cli.case.keys_without_effect import sentence
 from rths_cli.experiment.design import is_driven
+from rths_cli.experiment.setup import placed
 from rths_cli.experiment.tangent_verdicts import ASSUMPTIONS, range_assumption
-from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.experiment.unit_plausibility import doubts_building, unit_doubts
 from rths_cli.identification.results import LEAST_HELD_OUT
 from rths_cli.structure import modes
 
@@ -32,10 +33,11 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
 
     `identified` None: no table run, hence no identification; `design` None: no blocks.
     """
-    unread, doubts = sentence(setup.case), unit_doubts(setup)
-    if doubts:  # what a wrong unit makes of bands and model tells nobody what to change
-        return tuple(dict.fromkeys((*doubts, *([unread] if unread else []), *setup.building.notes)))
-    found = [*identified.reasons, *differences(setup, identified)] if identified is not None else []
+    unread, doubts, baseline = sentence(setup.case), unit_doubts(setup), baseline_note(setup)
+    if doubts_building(setup):  # what a wrong unit makes of bands and model tells nobody what to change
+        return tuple(dict.fromkeys((*doubts, *baseline, *([unread] if unread else []), *setup.building.notes)))
+    found = [*doubts, *baseline]
+    found += [*identified.reasons, *differences(setup, identified)] if identified is not None else []
     found += [
         *([unread] if unread else []),
         *setup.building.notes,
@@ -57,6 +59,12 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
     return tuple(dict.fromkeys(found))
 
 
+def baseline_note(setup: Setup) -> tuple[str, ...]:
+    """Return the sentence on the baseline of the record, with file and line, () for a clean record and for one whose
+    baseline the case keeps in so many words."""
+    return () if not setup.baseline or setup.case.record.baseline == "none" else (placed(setup.case, setup.baseline),)
+
+
 def modes_above_the_bands(setup: Setup) -> list[str]:
     """Return a sentence where the building's first mode is above the test band, or the specimen's above the compared
     one: errors and model are then judged where nothing resonates."""
@@ -65,9 +73,12 @@ def modes_above_the_bands(setup: Setup) -> list[str]:
     fixed = float(modes(np.diag(parts.masses_kg), parts.C, parts.K)[0][0])
     highest, told = case.identification.compared_hz[1], []
     if whole > case.test_band_hz:
+        springs = (
+            "natural_frequencies_hz" if case.structure.experimental.natural_frequencies_hz else "stiffness_n_per_m"
+        )
         told.append(
             f"test_band_hz: errors up to {case.test_band_hz:g} Hz leave out the building's first mode, {whole:.3g} Hz; "
-            "raise it"
+            f"raise it, or check the units of structure.experimental.{springs}"
         )
     if fixed > highest:
         told.append(

@@ -16,6 +16,7 @@ from rths_cli.analysis.changed_specimen import error_if_changed
 from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, loop_roots, modes_in_loop, slow_roots
 from rths_cli.analysis.closed_loop_response import loop_response
 from rths_cli.analysis.critical_delay import critical_delay
+from rths_cli.analysis.few_bits import few_bits
 from rths_cli.analysis.fourier_lines import lines_for
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.predicted_error import Known, predict
@@ -49,13 +50,30 @@ if TYPE_CHECKING:
     from rths_cli.experiment.setup import Setup
     from rths_cli.experiment.simulated_test import Simulated
     from rths_cli.experiment.tangent_verdicts import TangentVerdict
-    from rths_cli.identification.results import Identification
+    from rths_cli.identification.results import Calibration, Identification
     from rths_cli.numerics.lti import Array, Block
 
 RINGS = 7.0  # time constants after which a motion has decayed
 LONGEST_S = 300.0  # longest padding after the record
 NOISE_FROM_HZ, NOISE_POINTS = 1.0, 400  # to half the sample rate: where noise at rest is taken as white; points
 NEAR = 0.97  # fraction of the critical delay from which SIM-DELAY rings too long to be computed on lines
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """What is not certain of a hybrid test before it runs, and what its loop is predicted to do."""
+
+    setup: Setup  # with the sensors as identified
+    identified: Identification
+    known: Known
+    prediction: Prediction
+    building: Building  # as identified, with the laws of its computed storeys
+    at_level: Building  # the same with a specimen that holds at every level, where that was identified
+    covariance: Array  # of the calibration's parameters, as in Calibration; zeros where nothing is uncertain
+    corners_hz: Array  # (c,) of the AC couplings
+    pitch: Array | None  # as in OwnError
+    pitch_error: float
+    stiffness_error: float  # relative standard uncertainty of the specimen's stiffness in the test
 
 
 @dataclass(frozen=True)
@@ -77,6 +95,7 @@ class Judged:
     remedy: Remedy | None = None  # what would lower the bound of the true error most
     expected_m_s2: Array | None = None  # (n_storeys,) RMS error that the sensors will show, against SIM as declared
     replay: Callable[[], Replayed] | None = None  # the test of storeys with laws, for the budget after the run
+    uncertain: Uncertain | None = None  # for the true error after the run; None: the loop is unstable
 
 
 def preflight_of(setup: Setup, identified: Identification, design: Design) -> preflight.Preflight:
@@ -131,6 +150,9 @@ def _judge_one(
     counters = as_designed.blocks.friction_compensation
     known = replace(known, slow_roots=slow_roots(matrix, dt, known.lines.padded * dt), compensation=counters)
     prediction = predict(known)
+    if found.radius < 1.0 and (few := few_bits(known, prediction)) is not None:
+        known = replace(known, few_bits=few)
+        prediction = predict(known)
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
     strays = preflight.strays(known, found)
     rows = preflight.reach(known, prediction, setup.rig, masses, strays)
@@ -172,10 +194,11 @@ def _judge_one(
         wrong = _declared_wrong_at_level(setup, whole, identified, known, shared)
         expected = np.hypot(np.hypot(stable.total.storeys, wrong), shown)
     seen = known if found.radius < 1.0 else None
+    uncertain = None if stable is None or not nominal else uncertain_of(setup, identified, known, stable, whole)
     sim_rms = rms(known.lines.evaluated(known.sim))
     return Judged(
         verdict, own, looped, delayed, sim_rms, friction, largest, seen, (), tangents, simulated,
-        true, remedy, expected, replay,
+        true, remedy, expected, replay, uncertain,
     )  # fmt: skip
 
 
@@ -201,20 +224,44 @@ def _true_error(
     if calibration is None:
         return None, None, 0.0
     building = at_rest(as_identified(setup, _specimen(identified)))
-    corners = np.array([channel.high_pass_hz if setup.removes_sensors else 0.0 for channel in setup.rig.channels])
+    corners = _corners_hz(setup)
     by_calibration = sensitivities(building, known.lines, known.sim, corners, known.model, known.measured)
     factor = 1.0 + stiffness_uncertainty(setup, identified)
     changed = changed_specimen_error(setup, identified, blocks, known, prediction, factor)
     own = OwnError(prediction.true, changed, *_pitch_error(identified, building, known))
+    calibration, since = _with_drift(setup, identified, calibration)
+    shown = by_calibration.measured_rms(since)
+    return true_error(by_calibration, calibration, own), best_remedy(by_calibration, calibration, own), shown
+
+
+def _corners_hz(setup: Setup) -> Array:
+    return np.array([channel.high_pass_hz if setup.removes_sensors else 0.0 for channel in setup.rig.channels])
+
+
+def _with_drift(setup: Setup, identified: Identification, calibration: Calibration) -> tuple[Calibration, Array]:
+    """Return a calibration with the drift of gains until the test in its covariance, and that drift's covariance."""
     since, c = np.zeros_like(calibration.covariance), len(calibration.gain)
     if identified.session is None:
         since[:c, :c] = setup.rig.uncertainty.drift**2 * np.eye(c)
-        calibration = replace(calibration, covariance=calibration.covariance + since)
-    else:  # its covariance is in that of the calibration
-        places = np.array([*range(c), *range(2 * c, 3 * c)])
-        since[np.ix_(places, places)] = identified.session.covariance[: 2 * c, : 2 * c]
-    shown = by_calibration.measured_rms(since)
-    return true_error(by_calibration, calibration, own), best_remedy(by_calibration, calibration, own), shown
+        return replace(calibration, covariance=calibration.covariance + since), since
+    places = np.array([*range(c), *range(2 * c, 3 * c)])  # its covariance is in that of the calibration
+    since[np.ix_(places, places)] = identified.session.covariance[: 2 * c, : 2 * c]
+    return calibration, since
+
+
+def uncertain_of(
+    setup: Setup, identified: Identification, known: Known, prediction: Prediction, whole: Building
+) -> Uncertain:
+    """Return what is uncertain of a test on the `whole` building as identified."""
+    building, calibration = at_rest(as_identified(setup, _specimen(identified))), identified.calibration
+    channels, floors = len(setup.rig.channels), len(setup.floor_masses_kg)
+    covariance = np.zeros((3 * channels + floors,) * 2)
+    if calibration is not None:
+        covariance = _with_drift(setup, identified, calibration)[0].covariance
+    return Uncertain(
+        setup, identified, known, prediction, whole, _at_every_level(whole, identified), covariance, _corners_hz(setup),
+        *_pitch_error(identified, building, known), stiffness_uncertainty(setup, identified),
+    )  # fmt: skip
 
 
 def _pitch_error(identified: Identification, building: Building, known: Known) -> tuple[Array | None, float]:
@@ -404,7 +451,7 @@ def known_of(
         ground=ground,
         sim=sim_lines(building, lines, ground[0]),
         velocity_m_s=sim.rel_vel_m_s[interface] + motion.velocity_m_s,
-        noise_m_s2=_before_correction(identified, design.blocks.correction, setup),
+        noise_m_s2=noise_before_correction(identified, design.blocks.correction, setup),
         rig=setup.rig,
         correction=design.blocks.correction,
         shaped=design.blocks.shaping_step_v > 0.0,
@@ -412,11 +459,11 @@ def known_of(
         compared=setup.compared,
         specimen=specimen,
         peaks_m_s2=np.abs(sim.abs_accel_m_s2[interface:]).max(axis=1),
-        zero_m_s2=_zeros(identified, setup),
+        zero_m_s2=shown_zeros(identified, setup),
     )
 
 
-def _zeros(identified: Identification, setup: Setup) -> Array | None:
+def shown_zeros(identified: Identification, setup: Setup) -> Array | None:
     """Return what the channels' zeros at rest (c,) in m/s^2 are off by, as the identification showed; None: not known.
 
     On a real rig amplifiers move their zeros by more than that until the test.
@@ -427,7 +474,7 @@ def _zeros(identified: Identification, setup: Setup) -> Array | None:
     return np.array(shown)
 
 
-def _before_correction(identified: Identification, correction: Block, setup: Setup) -> Array:
+def noise_before_correction(identified: Identification, correction: Block, setup: Setup) -> Array:
     """Return the channels' noise (c,) at rest in m/s^2 before the sensor correction, which amplifies white noise.
 
     A mains hum above the test band is left out: it is no part of the noise in the band.

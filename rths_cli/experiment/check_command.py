@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rths_cli.analysis.closed_loop_matrix import open_loop
-from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
+from rths_cli.analysis.stability_check import DISPLACEMENT, SAFE, UNSAFE, UNSTABLE, VERDICTS, Fault
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment import result_contents
 from rths_cli.experiment.case_warnings import of_case
-from rths_cli.experiment.check_metrics import check_figures
+from rths_cli.experiment.check_metrics import check_figures, table_test_figures
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
-from rths_cli.experiment.setup import make_setups, refuse_unstable_steps, shown
-from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
+from rths_cli.experiment.one_table_run import TABLE_RUNS, drive_of
+from rths_cli.experiment.planned_motion import guard_figures, guard_sentences, planned_motion
+from rths_cli.experiment.session import wants_session_record
+from rths_cli.experiment.setup import make_setups, placed, refuse_unstable_steps, shown
+from rths_cli.experiment.table_test_check import judge_table_test
+from rths_cli.experiment.unit_plausibility import before_error, keys_in_doubt, unit_doubts
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 from rths_cli.numerics.shared_values import SharedValues
@@ -29,16 +34,21 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.analysis.predicted_error import Known as LoopKnown
+    from rths_cli.analysis.stability_check import Preflight
     from rths_cli.analysis.true_error import TrueError
     from rths_cli.case.case_schema import Case
     from rths_cli.control.part_designs import OwnParts
-    from rths_cli.experiment.check import Judged
+    from rths_cli.experiment.check import Judged, Uncertain
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_choice import Known
+    from rths_cli.experiment.one_table_run import RunKind
+    from rths_cli.experiment.planned_motion import PlannedMotion
     from rths_cli.experiment.setup import OwnSamples, Progress, Setup
     from rths_cli.experiment.simulated_test import Replayed
     from rths_cli.numerics.lti import Block
     from rths_cli.quantities import Values
+
+MOVED_BY_BASELINE = (DISPLACEMENT, "velocity", "command")  # reaches that an offset or a drift of the record makes
 
 
 @dataclass(frozen=True)
@@ -55,6 +65,27 @@ class Verdict:
     said: str = ""  # a sentence on the true error; "" where nothing is uncertain
     advice: str = ""  # a sentence on the measurement that would lower its bound; "" without one
     true_error: TrueError | None = None  # its distribution; None: sensors and masses are exactly as declared
+    uncertain: Uncertain | None = None  # for that distribution after the run; None: the loop is unstable, not judged
+    # what each run on the table needs, by its name; no entry where nothing is known of it
+    planned: Mapping[str, PlannedMotion] = field(default_factory=dict)
+    of_guard: tuple[str, ...] = ()  # sentences on the guard's limits in these runs
+    table_test: Preflight | None = None  # the check of the shake-table test; None: there is none, or no design
+
+    @property
+    def worst(self) -> str:
+        """Return the worst verdict of all table runs; "" without one."""
+        told = (self.verdict, self.table_test.verdict if self.table_test else "")
+        return max(told, key=("", *VERDICTS).index)
+
+    def of_run(self, run: str) -> tuple[str, tuple[str, ...]]:
+        """Return verdict and reasons of one table run by its name, shake_table or exp_rths."""
+        if run == "shake_table" and self.table_test is not None:
+            return self.table_test.verdict, self.table_test.reasons
+        return self.verdict, self.reasons
+
+    def refuses(self, run: str) -> bool:
+        """Return whether a table run is not safe."""
+        return self.of_run(run)[0] in (UNSAFE, UNSTABLE)
 
     @property
     def remarks(self) -> dict[str, str]:
@@ -98,11 +129,14 @@ class Checked:
     """The result of the check of one case."""
 
     about: Tested
-    verdict: str  # SAFE, UNSAFE or UNSTABLE
+    verdict: str  # SAFE, UNSAFE or UNSTABLE: the worst of all table runs
     reasons: tuple[str, ...]  # why it is not safe, one sentence each
     warnings: tuple[str, ...] = ()  # further sentences, which do not change the verdict
     metrics: Values = field(default_factory=dict)  # by path
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
+    of_guard: tuple[str, ...] = ()  # sentences on the guard's limits
+    runs: tuple[tuple[str, str], ...] = ()  # label and verdict of each table run
+    doubted: tuple[str, ...] = ()  # keys whose numbers seem to be in another unit; the verdict holds if they are right
 
     @property
     def exit_code(self) -> int:
@@ -111,17 +145,55 @@ class Checked:
 
 
 def verdict_on(
-    setup: Setup, known: Known, hybrid: bool = True, design: Design | None = None, shared: SharedValues | None = None
-) -> Verdict:
-    """Return the verdict on a case's hybrid test, from the identification `known` of its rig and specimen.
+    setup: Setup, known: Known, hybrid: bool = True, design: Design | None = None, shared: SharedValues | None = None,
+    table_test: bool = True,
+) -> Verdict:  # fmt: skip
+    """Return the verdict on a case's table runs, from the identification `known` of its rig and specimen.
 
     If `hybrid` is False, there is no hybrid test: the verdict is "", or UNSAFE if no blocks can be designed. `design`:
     blocks that were designed already, for example for another record; None: they are designed here. With `shared`,
     cases compute common results once. If the model is rejected and, for that reason, no controller can be designed or
-    the building cannot be solved, only the reasons of the rejection are returned. Doubts on units precede the reasons.
+    the building cannot be solved, only the reasons of the rejection are returned. The shake-table test of a case that
+    has one is judged with the same design unless `table_test` is False. Doubts on units precede the reasons.
     """
-    found = _judged(setup, known, hybrid, design, shared)
+    found = _with_plans(setup, known, _judged(setup, known, hybrid, design, shared))
+    if found.design is not None and table_test and "shake_table" in setup.case.runs:
+        blocks = found.design
+        of_table = interruptible(lambda: judge_table_test(setup, known.found, blocks, shared))
+        of_table = _without_innocent_limits(setup, of_table)
+        if faults := known.faults(setup.overrides):
+            worse = UNSAFE if of_table.verdict == SAFE else of_table.verdict
+            unfit = tuple(Fault("model", fault, math.nan) for fault in faults)
+            of_table = replace(of_table, verdict=worse, faults=(*unfit, *of_table.faults))
+        figures = {f"check.shake_table_{name}": value for name, value in table_test_figures(of_table).items()}
+        found = replace(found, table_test=of_table, figures=found.figures | figures)
     return replace(found, reasons=(*unit_doubts(setup), *found.reasons)) if found.reasons else found
+
+
+def _with_plans(setup: Setup, known: Known, found: Verdict) -> Verdict:
+    """Return a verdict with what each run of the case needs of the table, and with the limits of its guard."""
+    if found.design is None:
+        return found
+    planned: dict[str, PlannedMotion] = {}
+    said: list[str] = []
+    figures = dict(found.figures)
+    for kind in TABLE_RUNS:
+        if kind.name not in setup.case.runs:
+            continue
+        one = _plan(setup, known, found.design, kind)
+        if one is not None:
+            planned[kind.name] = one
+        figures |= guard_figures(setup, kind.name, one)
+        said += guard_sentences(setup, kind.label, one)
+    return replace(found, planned=planned, figures=figures, of_guard=tuple(said))
+
+
+def _plan(setup: Setup, known: Known, design: Design, kind: RunKind) -> PlannedMotion | None:
+    try:
+        drive = drive_of(setup, design)
+        return interruptible(lambda: planned_motion(setup, known.found, design, drive, kind.source))
+    except InputError:  # no model of the rig, or a building that has no SIM: the verdict says so
+        return None
 
 
 def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, shared: SharedValues | None) -> Verdict:
@@ -138,14 +210,28 @@ def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, sha
         design, judged = interruptible(lambda: choose_design(setup, known.found, designed, shared))
     except InputError as error:
         return Verdict(UNSAFE, faults or error.faults, designed.without_reaction(), {})
-    found = judged.preflight
+    found = _without_innocent_limits(setup, judged.preflight)
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
     tangents = tuple(one.name for one in judged.tangents)
     said, advice = _on_true_error(setup, judged)
     reasons, figures = (*faults, *found.reasons), check_figures(judged)
     return Verdict(
-        verdict, reasons, design, figures, judged.known, judged.replay, tangents, said, advice, judged.true_error
+        verdict, reasons, design, figures, judged.known, judged.replay, tangents, said, advice, judged.true_error,
+        judged.uncertain,
     )  # fmt: skip
+
+
+def _without_innocent_limits(setup: Setup, found: Preflight) -> Preflight:
+    """Return a check whose reasons tell limits that the record's baseline exceeds as what it does, and not as too small
+    a table."""
+    exceeded = [fault for fault in found.faults if fault.cause in MOVED_BY_BASELINE]
+    if not setup.baseline or not exceeded:
+        return found
+    names = " and ".join(dict.fromkeys(fault.cause for fault in exceeded))
+    told = f"with this baseline the record exceeds the limit of {names}; check again without it"
+    moved = (Fault("baseline", text, math.nan) for text in (placed(setup.case, setup.baseline), told))
+    others = (fault for fault in found.faults if fault.cause not in MOVED_BY_BASELINE)
+    return replace(found, faults=(*moved, *others))
 
 
 def _on_true_error(setup: Setup, judged: Judged) -> tuple[str, str]:
@@ -226,15 +312,43 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
         known = memory.at_rest(setup, progress)
     except (RigError, LimitError) as error:
         doubts = unit_doubts(setup)
-        return Checked(_about(setup, "none"), UNSAFE, before_error(doubts, error), doubts)
-    found = verdict_on(setup, known)
+        return Checked(_about(setup, "none"), UNSAFE, before_error(setup, error), doubts, doubted=keys_in_doubt(setup))
+    hybrid = "exp_rths" in setup.case.runs or "shake_table" not in setup.case.runs
+    found = verdict_on(setup, known, hybrid)
     figures = (
         {} if found.design is None else result_contents.design_figures(setup, known.found, found.design) | found.figures
     )
     told = () if "model" in setup.overrides else known.found.reasons
     notes = tuple(note for note in of_case(setup, known.found, found.design) if note not in told)
     notes = (*filter(None, (found.said, found.advice)), *notes)
-    return Checked(_about(setup, known.source), found.verdict, found.reasons, notes, figures, found.tangents)
+    runs = [("EXP-RTHS", found.verdict)] if hybrid else []
+    excited = excitations(setup, known)
+    reasons = found.reasons
+    if found.table_test is not None:
+        told = tuple(reason for reason in found.table_test.reasons if reason not in reasons)
+        reasons = (*reasons, *(f"shake-table test: {reason}" for reason in told))
+        runs.insert(0, ("shake-table test", found.table_test.verdict))
+    return Checked(
+        _about(setup, known.source), found.worst, reasons, notes, figures, found.tangents, found.of_guard,
+        (*excited, *runs), keys_in_doubt(setup),
+    )  # fmt: skip
+
+
+def excitations(setup: Setup, known: Known) -> list[tuple[str, str]]:
+    """Return label and verdict of the excitations that are played before the table runs of a case."""
+    from rths_cli.experiment.excitation_check import excitation_faults
+    from rths_cli.experiment.identify_on_rig import excitation_settings, plan
+    from rths_cli.identification.low_level_probe import probe_plan
+
+    settings = excitation_settings(setup.case.identification)
+    found = []
+    if setup.case.identification.model is None:
+        found.append(("identification", plan(setup).command_v))
+    if setup.case.identification.model is not None or wants_session_record(setup):
+        most_m_s2 = known.found.low_level_m_s2 or math.inf
+        low = probe_plan(setup.rig, settings, setup.case.identification.seed, most_m_s2)
+        found.append(("verification" if setup.case.identification.model else "record of the session", low.command_v))
+    return [(label, UNSAFE if excitation_faults(setup, command_v) else SAFE) for label, command_v in found]
 
 
 def _about(setup: Setup, model: str) -> Tested:

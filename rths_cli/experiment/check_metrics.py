@@ -50,6 +50,21 @@ def check_figures(judged: Judged) -> dict[str, ArrayLike]:
     return over_samples(values, samples)
 
 
+def table_test_figures(found: Preflight) -> dict[str, ArrayLike]:
+    """Return the figures of a shake-table test's check by the last part of their paths: loop and predicted peaks."""
+    loop = found.stability
+    values: dict[str, ArrayLike] = {
+        "spectral_radius": loop.radius,
+        "tolerated_table_error": loop.tolerates,
+        "required_table_error": loop.required,
+        "table_error_hz": loop.at_hz,
+        "delay_margin_s": loop.measured.delay_margin_s,
+    }
+    if loop.radius < 1.0:
+        values |= {f"peak_{REACH[row.name]}": row.peak for row in found.reach}
+    return values
+
+
 def _figures(judged: Judged) -> dict[str, ArrayLike]:
     """Return the metrics of a check of one member of the identified model, by path."""
     found = judged.preflight

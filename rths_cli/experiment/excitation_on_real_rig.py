@@ -54,11 +54,12 @@ def excited(
 
 def _seconds(progress: Progress) -> Watch:
     """Return a watcher that tells the seconds played, each once."""
-    told = [0]
+    told = [-1]
 
     def watch(run: Performance) -> None:
-        played = int(min(max(run.log.done[0] - run.course.ramp, 0), run.course.record) * run.info.dt_s)
-        if played > told[0]:
+        done = run.log.done[0] - run.course.ramp
+        played = int(min(max(done, 0), run.course.record) * run.info.dt_s)
+        if done > 0 and played > told[0]:
             told[0] = played
             progress(f"{played} of {run.course.record * run.info.dt_s:.0f} s")
 

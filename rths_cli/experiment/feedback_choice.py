@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from rths_cli.control import feedback
 from rths_cli.control.feedback import DEFAULT, Feedback, Weights
 from rths_cli.errors import InputError
+from rths_cli.experiment.loop_stability_of_case import continued_of
 from rths_cli.identification.inputs import PAPER_BAND_HZ
 from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.bands import TEST_BAND_HZ
@@ -55,12 +56,19 @@ def choose_feedback(
 
     `faults` returns the reasons why the loop is not safe with a feedback. A case that states weights or bandwidth gets
     them. Method `paper`, and a case without hybrid test, which has no loop, get the default weights. If no choice is
-    safe, the default feedback is kept. Raises InputError if no useful feedback exists.
+    safe, the default feedback is kept. Beyond the identified band the feedbacks of method `best` are as quiet as the
+    continued table asks for; method `paper` keeps its feedback as printed, for the check to judge. Raises InputError if
+    no useful feedback exists.
     """
     stated, band_hz = setup.case.controller, setup.case.test_band_hz
 
+    continued = continued_of(setup, identified) if setup.case.method == "best" else None
+
     def make(weights: Weights, max_sensitivity: float) -> Feedback:
-        asked = (model, identified.frfs[0], setup.rig.dt_s, stated.feedback_bandwidth_hz, max_sensitivity, weights)
+        asked = (
+            model, identified.frfs[0], setup.rig.dt_s, stated.feedback_bandwidth_hz, max_sensitivity, weights,
+            continued,
+        )  # fmt: skip
         return shared.get("feedback", content_key(*asked), lambda: feedback.design(*asked))
 
     if not _leaves_choice(setup):

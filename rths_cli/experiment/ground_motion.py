@@ -13,6 +13,7 @@ from rths_cli.numerics.driven_modes import driven_modes
 from rths_cli.numerics.lti import Array
 from rths_cli.structure import Similitude
 
+CORNER_HZ = 0.25  # of the usual high pass of a record
 MOST_SAMPLES = 5_000_000  # largest number of samples: 40 minutes at 2 kHz, 40 MB in each of about ten arrays
 
 
@@ -49,7 +50,7 @@ def prepare(
     accelerogram: Accelerogram,
     scaling: float,
     sample_rate_hz: float,
-    corner_hz: float = 0.25,
+    corner_hz: float = CORNER_HZ,
     order: int = 2,
 ) -> GroundMotion:
     """Scale the record, interpolate it linearly to the sample rate, then filter it from a zero initial state.

@@ -3,14 +3,32 @@
 from __future__ import annotations
 
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rths_cli.case.named_files import find, is_bare
-from rths_cli.experiment.ground_motion import compressed, peaks, prepare, response_spectrum
+from rths_cli.errors import InputError
+from rths_cli.experiment.ground_motion import (
+    CORNER_HZ,
+    GroundMotion,
+    compressed,
+    peaks,
+    prepare,
+    response_spectrum,
+)
+from rths_cli.experiment.record_baseline import (
+    baseline_of,
+    rounded,
+    sentence,
+    start_fault,
+    straight_line,
+    without_baseline,
+)
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
+from rths_cli.numerics.lti import Array
 from rths_cli.structure.similitude import factors_text, similitude_of
 
 if TYPE_CHECKING:
@@ -26,15 +44,22 @@ def facts_of(path: Path) -> dict[str, Any]:
 
 
 def show(
-    name: str, unit: str | None, dt_s: float | None, width: int = 100, scale: ScaleSpec | None = None
+    name: str,
+    unit: str | None,
+    dt_s: float | None,
+    width: int = 100,
+    scale: ScaleSpec | None = None,
+    baseline: str | None = None,
 ) -> tuple[dict[str, Any], str]:
     """Return data, peaks and 5 % response spectrum of a record, as a document for JSON and as text of some width.
 
     The record is neither scaled nor filtered; with `scale` it is compressed to the model's time and acceleration.
+    `baseline` (mean, linear) is removed from it; what is left of one is told as the high pass of a case changes it.
     Raises InputError if it cannot be read.
     """
     path = find(name, "records", Path.cwd()) if is_bare(name) else Path(name)
     accelerogram = read_accelerogram(path, unit, dt_s)
+    accelerogram = without_baseline(accelerogram, baseline)
     similitude = similitude_of(scale) if scale is not None else None
     accelerogram = compressed(accelerogram, similitude) if similitude is not None else accelerogram
     motion = prepare(accelerogram, 1.0, 1.0 / accelerogram.dt_s, corner_hz=0.0)
@@ -43,6 +68,10 @@ def show(
     facts |= {"peak_velocity_m_s": largest.velocity_m_s, "origin": accelerogram.origin, "sha256": accelerogram.sha256}
     accel_m_s2 = [float(v) for v in spectrum]
     facts |= {"periods_s": list(PERIODS_S), "pseudo_accel_m_s2": accel_m_s2}
+    mean, drift = straight_line(accelerogram)
+    doubt = _doubt(path, accelerogram)
+    facts |= {"first_m_s2": float(accelerogram.accel_m_s2[0]), "mean_m_s2": mean, "drift_m_s2": drift}
+    facts |= {"baseline_removed": baseline or "none", "baseline_doubt": doubt}
     factors = similitude.factors if similitude is not None else {}
     facts |= {"scale_factors": factors} if factors else {}
     told = f"  scale        of the model; prototype over model: {factors_text(factors)}"
@@ -52,6 +81,10 @@ def show(
         *(textwrap.wrap(told, width, subsequent_indent=" " * 15) if factors else ()),
         f"  samples      {facts['samples']} every {facts['dt_s']:.6g} s, {facts['duration_s']:.2f} s",
         f"  peak         {facts['peak_m_s2']:.4f} m/s^2, {largest.velocity_m_s:.4f} m/s",
+        "  baseline     mean {:g} m/s^2, drift {:g} m/s^2, first sample {:g} m/s^2".format(
+            *(rounded(facts[f"{name}_m_s2"]) for name in ("mean", "drift", "first"))
+        ),
+        *(textwrap.wrap(f"  doubt        {doubt}", width, subsequent_indent=" " * 15) if doubt else ()),
         "  response spectrum, 5 % damping (pseudo-acceleration)",
     ]
     fit = max((width - 15) // 8, 1)
@@ -60,6 +93,22 @@ def show(
         lines.append("    period s   " + "".join(f"{p:>8g}" for p in list(PERIODS_S)[some]))
         lines.append("    m/s^2      " + "".join(f"{v:>8.3f}" for v in accel_m_s2[some]))
     return facts, "\n".join(lines) + "\n"
+
+
+def _doubt(path: Path, record: Accelerogram) -> str:
+    """Return what the usual high pass makes of a record's baseline, or of a first sample that is a step; "" for a clean
+    record and for one too short for that filter."""
+
+    def motion(accel: Array) -> GroundMotion:
+        return prepare(replace(record, accel_m_s2=accel), 1.0, 1.0 / record.dt_s)
+
+    try:
+        filtered = motion(record.accel_m_s2)
+    except InputError:
+        return ""
+    found = baseline_of(record, lambda accel: motion(accel).displacement_m)
+    told = sentence(found, path.stem, CORNER_HZ, path.name) if found else ""
+    return start_fault(filtered, record, found, told) or told
 
 
 def _facts(name: str, record: Accelerogram) -> dict[str, Any]:

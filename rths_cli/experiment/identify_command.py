@@ -19,6 +19,7 @@ from rths_cli.experiment.model_choice import as_model, notes_on
 from rths_cli.experiment.model_files import channel_names, load, save
 from rths_cli.experiment.setup import Progress, Setup, make_setup, shown
 from rths_cli.experiment.unit_plausibility import specimen_doubts
+from rths_cli.files.durable_files import stamp, taken_sentence
 from rths_cli.files.imported_models import is_foreign, read_foreign
 from rths_cli.files.measured_data import Recording, write_recording
 from rths_cli.identification.channel_signals import UnfitRecord
@@ -74,8 +75,8 @@ def make_model(
 ) -> Made:
     """Identify as asked and write the model file, also for a rejected model: the file states the verdict.
 
-    `permit` is called before a rig is excited and refuses by raising InputError; before that, `warn` receives doubts on
-    units if a real rig is to be excited. They precede the warnings of the model, or the reasons why there is none.
+    `permit` is called before a rig is excited and refuses by raising InputError. Doubts on units precede the warnings
+    of the model, or the reasons why there is none. `warn` receives where a file went whose name was taken meanwhile.
     Case, excitation and output files are checked before a rig moves. Raises InputError if the case, the data or an
     output file cannot be used, LimitError or RigError if the excitation was stopped.
     """
@@ -83,10 +84,8 @@ def make_model(
     outputs = _outputs(asked, setup)
     given, notes = _given(setup)
     planned = None if asked.data else plan(setup)
-    present = check_outputs(outputs, _inputs(asked, setup), asked.replace)
+    present, seen = check_outputs(outputs, _inputs(asked, setup), asked.replace), stamp(outputs.model)
     doubts = specimen_doubts(setup)
-    for doubt in doubts if setup.rig.can.moves_hardware and not asked.data else ():
-        warn(doubt)
     if not asked.data:
         permit(setup)
     about = About(setup.rig.name, "" if asked.data else setup.rig.kind, "", compared=setup.compared)
@@ -95,7 +94,7 @@ def make_model(
         about = replace(about, source=measured.source, lines=measured.lines)
         make_folders(outputs)
         if asked.save_data:
-            _save_data(asked.save_data, setup, measured)
+            _save_data(asked.save_data, setup, measured, warn)
         found = noted(_evaluate(setup, measured, given, asked.data is not None), notes)
         found = noted(found, (*doubts, *differences(setup, found)))
     except (UnfitRig, UnfitRecord) as unfit:
@@ -103,9 +102,11 @@ def make_model(
         why = UnfitRecord((*doubts, *why.faults), why.channels)
         none = (("model file", "none is written: no model can be made from these channels"),)
         return Made(replace(about, lines=(*about.lines, *none)), None, None, why, code)
-    sha256 = save(
-        outputs.model, setup, found, measured.source, measured.sha256, replace=not setup.rig.can.moves_hardware
-    )
+    model, sha256 = save(outputs.model, setup, found, measured.source, measured.sha256, seen)
+    if model != outputs.model:
+        warn(taken_sentence(outputs.model, model))
+        own = model.with_suffix(".png") if outputs.figure and not asked.figure else outputs.figure
+        outputs = replace(outputs, model=model, figure=own)
     judged = (("judged model", shown(asked_model)),) if (asked_model := setup.case.identification.model) else ()
     drawn = (("figure", f"{shown(outputs.figure)}{_mark(outputs.figure, present)}"),) if outputs.figure else ()
     lines = (
@@ -165,7 +166,7 @@ def _inputs(asked: Asked, setup: Setup) -> list[tuple[str, Path]]:
     return [(what, path) for what, path in named if path is not None] + [("--data", path) for path in data]
 
 
-def _save_data(path: Path, setup: Setup, measured: Measured) -> None:
+def _save_data(path: Path, setup: Setup, measured: Measured, warn: Progress) -> None:
     """Write every record: command in V, and the accelerations in m/s^2 that are evaluated.
 
     The first record is written to `path`, further ones to NAME_2, ..., the one at low level to NAME_probe.
@@ -178,4 +179,6 @@ def _save_data(path: Path, setup: Setup, measured: Measured) -> None:
         samples = np.vstack([record.command_v, record.accel_m_s2])
         units = ("V", *["m/s^2"] * len(record.accel_m_s2))
         to = path.with_name(f"{path.stem}{end}{path.suffix}")
-        write_recording(to, Recording(to, "", setup.rig.dt_s, names, units, samples, notes))
+        written = write_recording(to, Recording(to, "", setup.rig.dt_s, names, units, samples, notes))
+        if written != to:
+            warn(taken_sentence(to, written))

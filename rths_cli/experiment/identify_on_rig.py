@@ -16,6 +16,7 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import no_force
 from rths_cli.control.state_space import static
 from rths_cli.errors import InputError, LimitError, RigError
+from rths_cli.experiment.excitation_check import excitation_faults
 from rths_cli.experiment.lost_sample_counts import losses_of
 from rths_cli.experiment.rig_access import IDENTIFICATION, PROBE, VERIFICATION, guard_limits, open_rig
 from rths_cli.experiment.setup import Progress, Setup
@@ -266,7 +267,7 @@ def repeated(
     """
     for attempt in range(1, MOST_PLAYED + 1):
         this = what if attempt == 1 else f"{what}, attempt {attempt} of {MOST_PLAYED}"
-        progress(this)
+        progress(this if setup.rig.can.counts_steps else f"{this}: getting ready, nothing moves yet")
         try:
             return excite(setup, command_v, stream=stream, progress=partial(_said_of, progress, this))
         except SamplesLost as lost:
@@ -286,12 +287,15 @@ def excite(
     """Play a command (n,) in V through guard and rig; `progress` hears of the seconds of a real rig.
 
     Returns the command as sent, the corrected channels (c, n) in m/s^2, the further channels (f, n) each in its unit
-    (None: there are none), and notes on reconstructed samples. `stream` names the rig's noise. Raises LimitError if a
-    limit stopped the excitation, SamplesLost if it was that on lost samples, RigError if the rig did.
+    (None: there are none), and notes on reconstructed samples. `stream` names the rig's noise. Raises LimitError if the
+    check of its command refuses it or a limit stopped the excitation, SamplesLost if it was that on lost samples,
+    RigError if the rig did.
     """
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
-    outcome = play_excitation(setup, drive, stream or (IDENTIFICATION,), progress)
     where = f"identification of rig {setup.rig.name}, {RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}"
+    if "check" not in setup.overrides and (faults := excitation_faults(setup, command_v)):
+        raise LimitError(f"{where} refused: {'; '.join(faults)}; {ADVICE}")
+    outcome = play_excitation(setup, drive, stream or (IDENTIFICATION,), progress)
     advice = "" if outcome.reason in NOT_BY_MOTION else f"; {ADVICE}"
     if outcome.rig_fault:
         raise RigError(f"{where}: {outcome.rig_fault}{advice}")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rths_cli.case.resolve import VARIED
 from rths_cli.case.rig_schema import (
@@ -27,14 +27,15 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.model_datasets import from_groups, to_groups
 from rths_cli.experiment.provenance import git_commit, package_version
 from rths_cli.experiment.setup import Setup, shown
-from rths_cli.files.model_file import read_model, write_model
+from rths_cli.files.durable_files import Stamp
+from rths_cli.files.model_file import Written, read_model, write_model
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.compiled import processor
 from rths_cli.quantities import attribute_fault
 from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES
 from rths_cli.rigs.description import capabilities_of
 from rths_cli.rigs.from_case import laboratory_number
-from rths_cli.user_cache import user_cache
+from rths_cli.user_cache import cache_or_temporary
 from rths_cli.version import __version__
 
 # they choose the instructions of BLAS, numpy and the C library, and with them the last bits of an identification
@@ -77,13 +78,19 @@ class Stored:
         raise AssertionError
 
 
-def save(path: Path, setup: Setup, found: Identification, source: str, data_sha256: str, replace: bool = True) -> str:
-    """Write a model file and return the hash of its content; raises InputError if it cannot be written."""
+def save(
+    path: Path, setup: Setup, found: Identification, source: str, data_sha256: str,
+    replaces: Stamp | Literal["any"] = "any",
+) -> Written:  # fmt: skip
+    """Write a model file and return its name and the hash of its content; raises InputError if it cannot be written.
+
+    `replaces`: as in `write_model`.
+    """
     made = datetime.now(UTC).strftime(TIME)
     about = {**identity(setup), "data_source": source, "data_sha256": data_sha256, "created_utc": made}
     if fault := attribute_fault(about, MODEL_ATTRIBUTES):
         raise ValueError(f"{fault}; declare it in rths_cli/quantities/model_datasets.py.")
-    return write_model(path, about, to_groups(found, channel_names(setup)), replace)
+    return write_model(path, about, to_groups(found, channel_names(setup)), replaces)
 
 
 def load(path: Path, setup: Setup) -> Stored:
@@ -225,11 +232,11 @@ class Cache:
 
     def __init__(self, fresh: bool = False, folder: Path | None = None) -> None:
         self._fresh = fresh
-        self._folder = folder or user_cache() / "models"
+        self._folder = folder or cache_or_temporary() / "models"
 
     def has(self, setup: Setup) -> bool:
         """Return whether there is a model of the same rig, specimen, settings, seed, software and kind of processor."""
-        return not self._fresh and self.path(setup).exists()
+        return not self._fresh and os.path.exists(self.path(setup))
 
     def find(self, setup: Setup) -> Stored | None:
         """Return the model of the same rig, specimen, settings, seed, software and kind of processor, or None."""

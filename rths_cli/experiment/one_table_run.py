@@ -11,6 +11,7 @@ import numpy as np
 
 from rths_cli.experiment import error_budget_metrics, lost_sample_counts, run_metrics, sensor_drift_report
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
+from rths_cli.experiment.planned_motion import PlannedMotion, effective_limits, foreseen_causes
 from rths_cli.experiment.rig_access import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
 from rths_cli.experiment.run_signals import (
     BuildingMotion,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
+    from rths_cli.loop.diagnosis import Foreseen
     from rths_cli.loop.guard import GuardLimits
     from rths_cli.loop.run_log import Log
     from rths_cli.numerics.lti import Array
@@ -76,7 +78,7 @@ class RunPlan:
 
     `drive` (n + lead, 3): acceleration, velocity and displacement of the ground in SI units. `expected`: prediction
     with which the channels are compared to find drift, for which the rest before and after the run is recorded; None:
-    no comparison and no such rest.
+    no comparison and no such rest. `foreseen`: causes of a stop that the plan tells already, by the guard's reason.
     """
 
     setup: Setup
@@ -85,6 +87,7 @@ class RunPlan:
     drive: Array
     limits: GuardLimits
     expected: Expected | None
+    foreseen: Foreseen = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -119,10 +122,20 @@ class Run:
         return self.series.measured if self.building is None else self.building.abs_accel_m_s2
 
 
-def plan_run(setup: Setup, design: Design, kind: RunKind, identified: Identification | None = None) -> RunPlan:
-    """Return the plan of a run; with `identified`, its channels are compared with the identified rig to find drift."""
+def plan_run(
+    setup: Setup,
+    design: Design,
+    kind: RunKind,
+    identified: Identification | None = None,
+    planned: PlannedMotion | None = None,
+) -> RunPlan:
+    """Return the plan of a run; with `identified`, its channels are compared with the identified rig to find drift.
+
+    `planned`: the motion that the run needs, to which the guard's limits are set; None: those of the rig file alone.
+    """
     expected = expected_of(setup, identified, design.blocks) if identified is not None else None
-    return RunPlan(setup, design, kind, drive_of(setup, design), guard_limits(setup), expected)
+    limits = effective_limits(guard_limits(setup), planned)
+    return RunPlan(setup, design, kind, drive_of(setup, design), limits, expected, foreseen_causes(limits, planned))
 
 
 def drive_of(setup: Setup, design: Design) -> Array:
@@ -157,7 +170,7 @@ def play_run(plan: RunPlan, seed: int, log: Log | None = None) -> Outcome:
     still = None
     if plan.expected is not None:
         still = Stillness(*(round(each / dt_s) for each in (BEFORE_S, way_to_rest_s(limits), AFTER_S)))
-    return play(rig, setup.rig, plan.design.blocks, plan.kind.source, plan.drive, limits, log, still)
+    return play(rig, setup.rig, plan.design.blocks, plan.kind.source, plan.drive, limits, log, still, plan.foreseen)
 
 
 def run_of(

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.experiment.setup import Setup
+from rths_cli.experiment.setup import Setup, placed
+from rths_cli.experiment.unit_plausibility import doubts
 from rths_cli.quantities import Interval
 from rths_cli.rigs.description import RigInfo
 
@@ -47,11 +48,12 @@ def ask_to_move(
     Cases on virtual rigs need no confirmation. `confirm` shows the lines of the checklist and returns the answer.
     `predicted` returns the metrics `check.*` of a case, {} without a check; the checklist states their peaks. `yes`
     confirms without a question, but only for rigs whose own file states `unattended: true`. Nobody is asked where the
-    system has no real time.
+    system has no real time, or where a number is doubted that the case does not call plausible: that one is refused.
     """
     real = [setup for setup in setups if setup.rig.can.moves_hardware]
     if not real:
         return
+    _refuse_doubts(real)
     from rths_cli.numerics.clock import require_real_time
 
     require_real_time()
@@ -69,6 +71,18 @@ def ask_to_move(
     rigs = dict.fromkeys(_about(setup.rig) for setup in real)
     if not confirm(["This moves a table:", *motions, *rigs, *BEFORE_MOVING]):
         raise InputError("not confirmed; nothing was moved")
+
+
+def _refuse_doubts(real: Sequence[Setup]) -> None:
+    """Raise InputError with every number of cases on real rigs that is doubted, and what consents to it."""
+    found = [(setup, one) for setup in real for one in doubts(setup)]
+    if found:
+        keys = ", ".join(dict.fromkeys(one.key for _, one in found))
+        raise InputError(
+            *dict.fromkeys(placed(setup.case, one.sentence) for setup, one in found),
+            f"rig {real[0].rig.name} is real and moves once these are corrected; where they are right, state "
+            f"plausible: [{keys}] in the case",
+        )
 
 
 def _motion(setup: Setup) -> str:

@@ -51,6 +51,7 @@ def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[s
         "record_sha256": setup.record_sha256,
         "model_sha256": model_sha256(design.model) if design else "",
         "record_name": case.record.name,
+        **({} if case.record.baseline is None else {"record_baseline": case.record.baseline}),
         "damping_name": case.damping.name,
         "damping_first_mode_ratio": first_mode_ratio(building.M, building.C, building.K),
         "controller": case.controller.kind,

@@ -22,11 +22,11 @@ from rths_cli.experiment.identify_output import try_folder
 from rths_cli.experiment.lost_sample_sentence import losses_of_runs
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.model_choice import Known, Memory
-from rths_cli.experiment.one_table_run import Stop
+from rths_cli.experiment.one_table_run import TABLE_RUNS, Stop
 from rths_cli.experiment.provenance import attributes
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup, building_key, make_setups, motion_key
 from rths_cli.experiment.table_runs_of_case import Played, Stage, VirtualStage, play_all, refused, why_none
-from rths_cli.experiment.unit_plausibility import key_in_doubt
+from rths_cli.experiment.unit_plausibility import keys_in_doubt
 from rths_cli.files.result_reader import ResultWriter
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.shared_values import SharedValues
@@ -119,7 +119,7 @@ def run_case(
                     truth = _truth_told(setup, stage.told, progress)
             if truth is not None and played.true_accel is not None:
                 values |= true_reference.metrics_of(setup, truth, played.true_accel, values)
-            values |= expected_errors.metrics_of(checked.true_error, values)
+            values |= expected_errors.metrics_of(played.after.true_error, values)
             if "exp_rths.residual_drift_m" in values and not setup.declared:
                 change_m = change_of_residual_drift(setup, sim, shared)
                 values |= residual_drift.metrics_of(setup, sim, change_m, values)
@@ -134,7 +134,8 @@ def run_case(
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
     if stage is not None:
         stage.written()
-    return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
+    replaced = replaced and writer.path == path
+    return Ended(case.name, writer.path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
 
 
 def _also(stop: Stop, late: Stop | None) -> Stop:
@@ -156,10 +157,14 @@ def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tup
     said = of_case(setup, known.found if known else None, checked.design if checked else None)
     if checked is not None and checked.advice and (not checked.refused or "check" in setup.overrides):
         said = (checked.advice, *said)
-    if checked is None or not checked.refused or "check" not in setup.overrides:
+    if checked is None or "check" not in setup.overrides:
         return said
-    overridden = f"the check of EXP-RTHS is overridden, it says {checked.verdict}: {'; '.join(checked.reasons)}"
-    return (overridden, *said)
+    overridden = []
+    for kind in TABLE_RUNS:
+        if kind.name in setup.case.runs and checked.refuses(kind.name):
+            verdict, reasons = checked.of_run(kind.name)
+            overridden.append(f"the check of {kind.label} is overridden, it says {verdict}: {'; '.join(reasons)}")
+    return (*overridden, *said)
 
 
 def _attributes(
@@ -167,7 +172,7 @@ def _attributes(
 ) -> dict[str, str | int | float]:
     """Return the root attributes of the result file."""
     model = {"model_source": known.source if known else "", "warnings": "\n".join(cautions)}
-    verdict = {"check_verdict": checked.verdict if checked else "", "units_in_doubt": key_in_doubt(setup)}
+    verdict = {"check_verdict": checked.worst if checked else "", "units_in_doubt": ", ".join(keys_in_doubt(setup))}
     return attributes(setup, checked.design if checked else None, command_line) | model | verdict
 
 

@@ -6,23 +6,26 @@ import os
 import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from rths_cli.errors import InputError, RthsError, crash_note
+from rths_cli.errors import InputError, RthsError, crash_note, out_of_memory
 from rths_cli.experiment.allocator_settings import keep_freed_memory
+from rths_cli.experiment.case_warnings import baseline_note
 from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, run_case, worst_code
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup
-from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
+from rths_cli.experiment.unit_plausibility import before_error
+from rths_cli.files.durable_files import claimed, further_names, taken_sentence
 from rths_cli.files.existing_files import Kind, check_existing
+from rths_cli.files.result_writer import check_writable
 from rths_cli.interrupts import ended_by
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import Values
@@ -118,11 +121,34 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     """
     keep_freed_memory()
     memory, shared = Memory(Cache(request.fresh)), SharedValues()
-    jobs = plan(request, memory, shared)
+    planned = plan(request, memory, shared)
+    with ExitStack() as names:
+        jobs = [(setup, _own_name(path, request.replace, watcher, names)) for setup, path in planned]
+        check_existing([(path, Kind.RESULT) for _, path in jobs], request.replace)  # again, now that they are ours
+        return _run_jobs(jobs, request, memory, shared, watcher)
+
+
+def _own_name(path: Path, replaces: bool, watcher: Watcher, names: ExitStack) -> Path:
+    """Return the name of a result that is claimed for this process until `names` is closed: `path`, or where another
+    process is writing that, the next free one beside it. Raises InputError if that is not wanted (`--no-replace`)."""
+    check_writable(path.parent)
+    if names.enter_context(claimed(path)):
+        return path
+    if not replaces:
+        raise InputError(f"{path}: is being written by another process; choose another --output, or wait for its end")
+    name = next(one for one in further_names(path) if not one.exists() and names.enter_context(claimed(one)))
+    watcher.message(f"{path}: is being written by another process; this result goes to {name}")
+    return name
+
+
+def _run_jobs(
+    jobs: Sequence[Job], request: Request, memory: Memory, shared: SharedValues, watcher: Watcher
+) -> list[Ended]:
+    """Run the cases, whose result files are claimed."""
     shared.size = most_kept(jobs)
     real = [setup for setup, _ in jobs if setup.rig.can.moves_hardware]
-    for doubt in dict.fromkeys(doubt for setup in real for doubt in unit_doubts(setup)):
-        watcher.warning(doubt)  # before anybody permits a motion; of a virtual rig the answer tells
+    for note in dict.fromkeys(note for setup in real for note in baseline_note(setup)):
+        watcher.warning(note)  # before anybody permits a motion; of a virtual rig the answer tells
 
     def predicted(setup: Setup) -> Values:
         from rths_cli.files.imported_models import is_foreign
@@ -145,6 +171,8 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
             watcher.started(number, len(jobs), path.stem)
             ended, seconds = next(endings)
             results.append(ended)
+            if ended.path not in (None, path):
+                watcher.message(taken_sentence(path, ended.path))
             watcher.ended(ended, seconds)
             if setup.rig.can.moves_hardware and ended.exit_code > 1:
                 break  # a person looks at the table before it moves again
@@ -179,9 +207,11 @@ def run_one(
             return run_case(setup, path, memory, command_line, tell, shared, series=series)
         return _run_real(setup, path, memory, shared, command_line, tell, watcher)
     except RthsError as error:
-        return _failed(setup, path, taken, "; ".join(before_error(unit_doubts(setup), error)), error.exit_code)
+        return _failed(setup, path, taken, "; ".join(before_error(setup, error)), error.exit_code)
     except Exception as error:
         tell("")  # a signal that arrived during a compilation ends the batch here
+        if told := out_of_memory(error):
+            return _failed(setup, path, taken, told, 2)
         return _failed(setup, path, taken, f"internal error ({type(error).__name__}), {crash_note()}", 5)
 
 
@@ -203,7 +233,11 @@ def _failed(setup: Setup, path: Path, taken: bool, reason: str, code: int) -> En
     A result file of a real rig that was begun is kept. Exit code 2, which means that nothing was written, is then
     replaced by 4.
     """
-    begun = setup.rig.can.moves_hardware and not taken and bool(path.exists() or [*path.parent.glob(f".{path.name}.*")])
+    begun = (
+        setup.rig.can.moves_hardware
+        and not taken
+        and bool(path.exists() or [*path.parent.glob(f".{path.name}.*.part")])
+    )
     return Ended(
         setup.case.name, path if begun and path.exists() else None, "failed", reason, 4 if begun and code == 2 else code
     )

@@ -28,7 +28,8 @@ class Series:
     table, and floor accelerations; `true_accel` (1 + n_exp, n), `true_disp_m` (n,): NaN or empty unless the rig tells.
     `live`: delays, durations of exchanges, losses and states on a real rig, (n,) each. `removed` (1 + n_exp, n):
     offset, drift and jumps that were removed from `measured`; None: nothing was removed. `logged` (l, n): what the
-    parts of the step log, named by `logs`. `further` (f, n): values of the further channels.
+    parts of the step log, named by `logs`. `further` (f, n): values of the further channels. `samples_v` (c, n): as a
+    rig in real time gave them, also where the step took others; empty else.
     """
 
     desired: Array
@@ -44,6 +45,7 @@ class Series:
     removed: Array | None = None
     logged: Array = field(default_factory=lambda: np.zeros((0, 0)))
     logs: tuple[Logged, ...] = ()
+    samples_v: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def has_truth(self) -> bool:
@@ -112,6 +114,7 @@ def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: i
         live=_live(log, table),
         further=log.further[:, table],
         logged=_logged(outcome, count, table),
+        samples_v=log.samples_v[:, table],
         logs=outcome.logs,
     )
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 SHORTEST_S = 3.0  # shortest run in which drift can be distinguished from motion
 TOLD_BY = (
     guard.NONE, guard.END, guard.STROKE, guard.VELOCITY, guard.ACCELERATION, guard.FORCE, guard.COMMAND, guard.RATE,
-    guard.TRACKING, guard.ENERGY, guard.RIG_FAULT,
+    guard.TRACKING, guard.ENERGY, guard.RIG_FAULT, guard.PLANNED_REACH, guard.DEVIATION,
 )  # fmt: skip
 """Reasons for which runs are examined for drift: for others the guard has already named sensor, link or operator."""
 UNSETTLED_S = 0.3  # time after missing samples that is excluded, because table and samples return gradually

@@ -15,7 +15,8 @@ from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.errors import InputError
 from rths_cli.experiment.ground_motion import GroundMotion, compressed, prepare
 from rths_cli.experiment.own_parts import with_own_storeys
-from rths_cli.files.accelerograms import read_accelerogram
+from rths_cli.experiment.record_baseline import baseline_of, sentence, start_fault, without_baseline
+from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
 from rths_cli.identification.sensor_calibration import calibrated
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import ComparedBand
@@ -23,7 +24,7 @@ from rths_cli.numerics.lti import Array
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import metrics_of
 from rths_cli.rigs.description import RigInfo
-from rths_cli.rigs.from_case import calibration_faults, rig_info, true_values
+from rths_cli.rigs.from_case import calibration_faults, rig_info, skew_faults, true_values
 from rths_cli.structure import Building, Similitude, build, similitude_of
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ class Setup:
     declared_rig: RigInfo | None = None  # with the sensors as declared, where `rig` has them as calibrated
     session_seed: int | None = None  # of the session of its table runs, of a row of a sweep that of the sweep's case
     declared: bool = False  # whether `building` is the one that it declares, and not the case's
+    baseline: str = ""  # of the record: what it does to the motion and what mends it, "" for a clean record
 
     def calibrated(self, found: Identification) -> Setup:
         """Return the setup on a rig whose sensors are those that an identification found."""
@@ -111,7 +113,11 @@ def make_setup(
     if faults:
         raise InputError(*(placed(case, fault) for fault in faults))
     shared = shared or SharedValues()
-    motion, record_sha256 = shared.get("motion", motion_key(case), lambda: interruptible(lambda: ground_motion(case)))
+    motion, record_sha256, baseline, begins = shared.get(
+        "motion", motion_key(case), lambda: interruptible(lambda: _judged_motion(case))
+    )
+    if begins and case.record.baseline != "none":
+        raise InputError(placed(case, begins))
     building = shared.get(
         "building", building_key(case), lambda: interruptible(lambda: build(case.structure, case.damping))
     )
@@ -122,21 +128,47 @@ def make_setup(
         true_values(case, info)
     except InputError as error:
         raise InputError(*(placed(case, fault) for fault in error.faults)) from error
-    setup = Setup(case, motion, record_sha256, building, info, masses, overrides, dict(parts or {}), samples)
+    if faults := skew_faults(case, info):
+        raise InputError(*(placed(case, fault) for fault in faults))
+    setup = Setup(
+        case, motion, record_sha256, building, info, masses, overrides, dict(parts or {}), samples, baseline=baseline
+    )
     return with_own_storeys(setup)
 
 
 def ground_motion(case: Case) -> tuple[GroundMotion, str]:
     """Return the scaled, filtered record of a case and the hash of its file; raises InputError."""
-    accelerogram = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
+    record = _record(case)
+    return _prepared(case, record), record.sha256
+
+
+def _judged_motion(case: Case) -> tuple[GroundMotion, str, str, str]:
+    """Return what `ground_motion` does, and sentences on the record's baseline and on a motion that begins with a
+    step, "" where there is none."""
+    record = _record(case)
+    motion = _prepared(case, record)
+    found = baseline_of(record, lambda accel: _prepared(case, replace(record, accel_m_s2=accel)).displacement_m)
+    named = case.record
+    told = sentence(found, named.name, case.record_filter.corner_hz, named.path.name) if found else ""
+    return motion, record.sha256, told, start_fault(motion, record, found, told)
+
+
+def _record(case: Case) -> Accelerogram:
+    """Return the record of a case, its baseline removed as the case says, compressed by its scale."""
+    record = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
+    record = without_baseline(record, case.record.baseline)
+    return record if case.scale is None else compressed(record, similitude_of(case.scale))
+
+
+def _prepared(case: Case, record: Accelerogram) -> GroundMotion:
+    """Return the ground motion of a record in the model's time; raises InputError."""
     corner_hz, order = case.record_filter.corner_hz, case.record_filter.order
-    if case.scale is None:
-        return prepare(accelerogram, case.scaling, case.sample_rate_hz, corner_hz, order), accelerogram.sha256
-    scale = similitude_of(case.scale)
-    record = compressed(accelerogram, scale)
     try:
-        return prepare(record, case.scaling, case.sample_rate_hz, corner_hz, order), accelerogram.sha256
+        return prepare(record, case.scaling, case.sample_rate_hz, corner_hz, order)
     except InputError as error:
+        if case.scale is None:
+            raise
+        scale = similitude_of(case.scale)
         told = f"(scale compresses the record in time by {scale.factor('s'):.4g})"
         raise InputError(*(f"{fault} {told}" for fault in error.faults)) from error
 

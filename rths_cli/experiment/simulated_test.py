@@ -25,6 +25,7 @@ from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.one_table_run import drive_of
 from rths_cli.experiment.rig_access import guard_limits
 from rths_cli.experiment.run_signals import on_record_clock, whole_building
+from rths_cli.loop.guard import without_limits
 from rths_cli.loop.identified_rig_run import (
     Disturbed,
     on_perfect_table,
@@ -117,7 +118,7 @@ def simulated_test(
     limits = limits._replace(stuck=np.full(limits.stuck.shape, np.inf))  # a model's channels are never stuck
     quiet = replace(seen_by_model(rig, blocks, info, setup.removes_sensors), shaping_step_v=0.0)
     rows, still = len(test.drive), np.zeros((len(test.drive), len(info.channels)))
-    never = _without_limits(limits)
+    never = without_limits(limits)
     nominal = test.play(rig.plant, quiet, Disturbed(still), never)
     reach = _reach(setup, nominal, sim, blocks.shaping_step_v > 0.0, strays)
     if not nominal.outcome.played:
@@ -173,7 +174,7 @@ class Replayed:
         """`building`, `design`, `rig`, `known` and `sim` as of `simulated_test`."""
         self._known, self._rig, self._sim = known, rig, sim
         self._test = SimulatedTest(setup, building, design.blocks, drive_of(setup, design))
-        self._never = _without_limits(guard_limits(setup))
+        self._never = without_limits(guard_limits(setup))
         self._blocks = replace(seen_by_model(rig, design.blocks, setup.rig, setup.removes_sensors), shaping_step_v=0.0)
         self._given = np.zeros_like(known.loop.rig)  # all disturbances so far
         self._last = self._nominal = self._play(self._given)
@@ -209,16 +210,6 @@ class Replayed:
     def _play(self, samples: ComplexArray) -> _Played:
         added = Disturbed(_samples_v(self._known, self._rig, samples, len(self._test.drive)))
         return self._test.play(self._rig.plant, self._blocks, added, self._never)
-
-
-def _without_limits(limits: GuardLimits) -> GuardLimits:
-    """Return limits that stop a test only where it is no number: the reach tells what would be beyond them."""
-    never = np.full(limits.stuck.shape, np.inf)
-    return limits._replace(
-        stroke_m=np.inf, velocity_m_s=np.inf, acceleration_m_s2=1e30, force_n=np.inf, command_v=np.inf,
-        tracking_error=np.inf, saturation_v=never, stuck=never, abort=never, command_rate_v_s=np.inf,
-        energy_ratio=np.inf,
-    )  # fmt: skip
 
 
 def _on_perfect_table(test: SimulatedTest, limits: GuardLimits) -> _Played | None:

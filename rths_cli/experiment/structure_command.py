@@ -132,7 +132,7 @@ def _inspected(spec: StructureSpec, damping: Sequence[DampingSpec], file: str) -
         specimen_damping_ratio=own[1],
         levels=tuple(levels),
         stiffness_sets=_sets(spec),
-        warnings=building_doubts(building),
+        warnings=building_doubts(spec, damping, building),
     )
 
 

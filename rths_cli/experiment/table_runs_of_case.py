@@ -7,11 +7,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.experiment import result_contents
+from rths_cli.experiment.error_after_run import AfterRun, error_after_run
 from rths_cli.experiment.error_budget_metrics import told_causes
 from rths_cli.experiment.one_table_run import (
     HYBRID_TEST,
     TABLE_RUNS,
     Run,
+    RunKind,
     RunPlan,
     Stop,
     evaluated,
@@ -22,7 +24,7 @@ from rths_cli.experiment.one_table_run import (
 )
 from rths_cli.experiment.rig_access import session_of
 from rths_cli.experiment.setup import Progress, Setup, shown
-from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.experiment.unit_plausibility import doubts_building, unit_doubts
 from rths_cli.files.result_reader import BEGUN, COMPLETE
 from rths_cli.interrupts import interruptible
 from rths_cli.rigs.from_case import true_values_of_run
@@ -44,7 +46,8 @@ class Played:
     """Outcome of the table runs of a case: the first stop (None: there was none), metrics and warnings.
 
     `late` is what ended a run after its complete record (None: nothing did); `remarks` belong to metrics. `true_accel`
-    (n_storeys, n) in m/s^2 is the building's true motion in a complete EXP-RTHS, None where nobody knows it.
+    (n_storeys, n) in m/s^2 is the building's true motion in a complete EXP-RTHS, None where nobody knows it; `after` is
+    what its records tell of its true error.
     """
 
     stop: Stop | None
@@ -53,6 +56,7 @@ class Played:
     late: Stop | None = None
     remarks: Mapping[str, str] = field(default_factory=dict)
     true_accel: Array | None = None
+    after: AfterRun = field(default_factory=AfterRun)
 
 
 class Stage(Protocol):
@@ -98,9 +102,9 @@ def play_all(
     all_of_them = Played(None, {})
     for kind in TABLE_RUNS:
         stop, late = all_of_them.stop, all_of_them.late
-        if kind.name not in setup.case.runs or (stop is not None and setup.rig.can.moves_hardware):
+        if kind.name not in setup.case.runs or (_ended(stop) and setup.rig.can.moves_hardware):
             continue
-        if kind is HYBRID_TEST and (refusal := refusal_of(setup, checked)):
+        if refusal := refusal_of(setup, checked, kind):
             _note(writer, kind.name, refusal)
             stop = replace(stop, reason=f"{stop.reason}; {refusal.reason}") if stop else refusal
             all_of_them = replace(all_of_them, stop=stop)
@@ -112,11 +116,11 @@ def play_all(
             continue
         progress(f"{kind.label}, {setup.case.table.kind} table")
         writer.about({f"{kind.name}_status": BEGUN})
-        plan = plan_run(setup, design, kind, known.found)
+        plan = plan_run(setup, design, kind, known.found, checked.planned.get(kind.name))
         outcome = stage.play(plan, writer)
         run = run_of(outcome, setup, kind, design.blocks.lead_samples, plan.expected)
-        if kind is HYBRID_TEST and run.stopped is not None and checked.refused:
-            told = f"{checked.verdict} by its check, which was overridden; {run.stopped.reason}"
+        if run.stopped is not None and checked.refuses(kind.name):
+            told = f"{checked.of_run(kind.name)[0]} by its check, which was overridden; {run.stopped.reason}"
             run = replace(run, stopped=replace(run.stopped, reason=told))
         write_run(writer, setup, run)
         _note(writer, kind.name, run.stopped)
@@ -125,8 +129,17 @@ def play_all(
             writer.about(causes)
         all_of_them = _with(all_of_them, run)
         if kind is HYBRID_TEST:
-            all_of_them = replace(all_of_them, true_accel=true_accelerations(run, setup))
+            after = error_after_run(checked.uncertain, run)
+            if after.why_none:
+                writer.about({"no_true_error_bound": after.why_none})
+            values = {**all_of_them.values, **after.values}
+            all_of_them = replace(all_of_them, true_accel=true_accelerations(run, setup), after=after, values=values)
     return all_of_them
+
+
+def _ended(stop: Stop | None) -> bool:
+    """Return whether an earlier run ended early; one that was refused moved nothing."""
+    return stop is not None and stop.status != "refused"
 
 
 def _with(before: Played, run: Run) -> Played:
@@ -173,23 +186,24 @@ def why_none(setup: Setup, known: Known, checked: Verdict) -> str:
     return "; ".join((*unit_doubts(setup), *faults)) if faults else ""
 
 
-def why_unsafe(setup: Setup, checked: Verdict) -> str:
-    """Return why EXP-RTHS is not played, empty if it is safe or overridden."""
-    if not checked.refused or "check" in setup.overrides:
+def why_unsafe(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> str:
+    """Return why a table run is not played, empty if it is safe or overridden."""
+    if not checked.refuses(kind.name) or "check" in setup.overrides:
         return ""
+    verdict, reasons = checked.of_run(kind.name)
     doubts = unit_doubts(setup)
-    others = [reason for reason in checked.reasons if reason not in doubts]
-    if doubts and others:  # what a wrong unit makes of the loop tells nobody what to change
+    others = [reason for reason in reasons if reason not in doubts]
+    if others and doubts_building(setup):  # what a wrong unit makes of the loop tells nobody what to change
         others = [f"{len(others)} more {'reasons' if len(others) > 1 else 'reason'}, which a wrong unit would explain"]
-    return f"{checked.verdict}: {'; '.join([*doubts, *others])}"
+    return f"{verdict}: {'; '.join([*doubts, *others])}"
 
 
-def refusal_of(setup: Setup, checked: Verdict) -> Stop | None:
-    """Return the refusal of EXP-RTHS, None if it is safe or overridden."""
-    why = why_unsafe(setup, checked)
+def refusal_of(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> Stop | None:
+    """Return the refusal of a table run, None if it is safe or overridden."""
+    why = why_unsafe(setup, checked, kind)
     if not why:
         return None
     advice = (
         f"rths check {shown(setup.case.path)} with the same options tells more, --override check runs it all the same"
     )
-    return Stop("refused", f"EXP-RTHS refused, {why}; {advice}", 1)
+    return Stop("refused", f"{kind.label} refused, {why}; {advice}", 1)

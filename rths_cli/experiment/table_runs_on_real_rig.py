@@ -70,6 +70,7 @@ class RealStage:
         writer.about({"driver_verified": rig.info.driver_verified})  # known only after the rig was opened
         blocks, still_s = plan.design.blocks, (BEFORE_S, AFTER_S)
         ready = prepare(setup.rig, blocks, kind.source, plan.drive, plan.limits, zeros_v, still_s=still_s)
+        ready = replace(ready, foreseen=plan.foreseen)
         path = raw_log_path(writer.path, kind.name)
         log = RawLogWriter(path, _header(plan, ready, writer))
         self._logs.append(log)

@@ -14,6 +14,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import read_whole
+from rths_cli.files.foreign_texts import format_of, is_date, lost_scans, rounded_times
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
 from rths_cli.safe_text import shortened
@@ -25,17 +26,23 @@ FACTORS_M_S2 = {
     "g": STANDARD_GRAVITY_M_S2,
     "mm/s^2": 0.001,
     "in/s^2": 0.0254,
+    "ft/s^2": 0.3048,
+    "mg": 0.001 * STANDARD_GRAVITY_M_S2,
+    "%g": 0.01 * STANDARD_GRAVITY_M_S2,
 }
 """Units of acceleration, each in m/s^2."""
+
+AMBIGUOUS = {"MV", "Mv", "MG", "Mg", "mG"}  # megavolt, megagram, milligauss
 
 # Each is given a line with single spaces, so that none tries the ways to share a run of them.
 _AT2_NEW = re.compile(r"NPTS ?= ?(\d+) ?,? ?DT ?= ?([\d.eE+-]+)", re.IGNORECASE)
 _AT2_OLD = re.compile(r"^(\d+) ([\d.eE+-]+) NPTS ?, ?DT", re.IGNORECASE)
 _AT2_UNIT = re.compile(r"UNITS? OF ([^ ,]+)", re.IGNORECASE)
+_OTHER_RECORD = re.compile(r"^(VELOCITY|DISPLACEMENT)\b", re.IGNORECASE)
 _AT2_LAST_LINE = 10
 _KEY = re.compile(r"#\s*(units?|dt|samples|origin)\s*:\s*(.*)", re.IGNORECASE)
 _ANY_KEY = re.compile(r"#\s*\w+\s*:")
-_SUFFIX = re.compile(r"_((?:m|cm|mm|in)_?s\^?2|gal|g)$", re.IGNORECASE)
+_SUFFIX = re.compile(r"_((?:m|cm|mm|in|ft)_?s\^?2|gal|m?g)$", re.IGNORECASE)
 _TIME_SUFFIX = re.compile(r"_(\w?s)$", re.IGNORECASE)
 _MOST_DIGITS = 18
 
@@ -61,9 +68,10 @@ class Header:
 
 def find_unit(text: str) -> str | None:
     """Return the unit that a text such as `cm/s^2 (gal)` names, None if unknown or ambiguous."""
-    found = [_spelling(part) for part in re.split(r"[()\[\]=,]", text) if part.strip()]
+    parts = [part.strip() for part in re.split(r"[()\[\]=,]", text) if part.strip()]
+    found = [_spelling(part) for part in parts if part not in AMBIGUOUS]
     factors = {FACTORS_M_S2.get(unit) for unit in found}
-    return found[0] if len(factors) == 1 and None not in factors else None
+    return found[0] if len(found) == len(parts) and len(factors) == 1 and None not in factors else None
 
 
 def _spelling(text: str) -> str:
@@ -100,6 +108,12 @@ def _at2_unit(path: Path, lines: list[str]) -> tuple[str | None, int]:
     for number, line in enumerate(lines, 1):
         match = _AT2_UNIT.search(_squeezed(line))
         if match is not None:
+            kind = _OTHER_RECORD.search(_squeezed(line))
+            if kind is not None and find_unit(match[1]) is None:
+                raise InputError(
+                    f"{path}:{number}: is a {kind[1].lower()} record; give the acceleration record of the same station "
+                    "(.AT2)"
+                )
             return _known_unit(f"{path}:{number}", match[1]), number
     return None, 0
 
@@ -229,7 +243,7 @@ def _unit_of_names(where: str, line: str) -> str | None:
         return _known_unit(where, bracket)
     if suffix is None:
         return None
-    return _known_unit(where, re.sub(r"(m|cm|mm|in)_?s\^?2", r"\1/s^2", suffix[1].lower()))
+    return _known_unit(where, re.sub(r"(m|cm|mm|in|ft)_?s\^?2", r"\1/s^2", suffix[1].lower()))
 
 
 MAX_BYTES = 60_000_000
@@ -241,6 +255,8 @@ _EVENNESS = 0.04
 """Time steps may differ by this part of the interval: files print few digits."""
 _AGREEMENT = 1e-4
 """Relative difference up to which a stated interval agrees with the file's."""
+_TEXT_LINES = 100  # above figures
+IN_ROWS = "; if the rows are one series, written several values a line, write one value a line"
 _SEPARATORS = str.maketrans(",;\t", "   ")
 
 
@@ -272,6 +288,8 @@ def read_accelerogram(path: str | Path, unit: str | None = None, dt_s: float | N
     if (count := max(data.count(b"\n"), data.count(b"\r"))) > MAX_LINES:
         raise InputError(f"{path}: has {count} lines, the limit is {MAX_LINES}; cut or resample the record")
     lines = _decode(path, data).splitlines()
+    if foreign := format_of(lines):
+        raise InputError(f"{path}: {foreign}")
     header = at2_header(path, lines) or column_header(path, lines)
     values = _read_values(path, lines, header)
     if values.shape[1] == 2:
@@ -291,6 +309,8 @@ def _from_here(path: Path) -> Path:
 
 def _decode(path: Path, data: bytes) -> str:
     """Return the text; headers of old files are not always UTF-8."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16", errors="replace")
     if data.translate(None, bytes(range(32, 256)) + b"\t\n\r\f"):
         raise InputError(f"{path}: is a binary file; convert the accelerogram to CSV (time_s,accel_m_s2)")
     try:
@@ -312,7 +332,7 @@ def _read_values(path: Path, lines: list[str], header: Header) -> Array:
     if values.shape[1] > 2:
         raise InputError(
             f"{path}:{header.first_line + 1}: {values.shape[1]} columns; give one (acceleration) or "
-            f"two (time in s, acceleration){_of_decimal_commas(lines[header.first_line])}"
+            f"two (time in s, acceleration){_of_decimal_commas(lines[header.first_line]) or IN_ROWS}"
         )
     faulty = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(faulty):
@@ -350,15 +370,44 @@ def _first_bad_line(path: Path, lines: list[str], header: Header) -> str:
     columns = 0
     for number, words in _rows(lines, header):
         for word in words:
+            if is_date(word):
+                return _dated(path, number, word)
             if not is_number(word):
+                if columns == 0 and (above := _text_above(path, lines, header, number)):
+                    return above
                 return (
                     f"{path}:{number}: {word[:40]!r} is not a number; give CSV with one or two columns or "
                     "PEER .AT2, and convert other formats (COSMOS, SMC) to CSV (time_s,accel_m_s2)"
                 )
         columns = columns or len(words)
         if len(words) != columns and header.layout != "PEER AT2":
-            return f"{path}:{number}: holds {len(words)} of {columns} numbers; complete the row or remove it"
+            held = f"{path}:{number}: holds {len(words)} of {columns} numbers"
+            return f"{held}{IN_ROWS}" if columns > 2 else f"{held}; complete the row or remove it"
     return f"{path}: the figures cannot be read; convert the file to CSV (time_s,accel_m_s2)"
+
+
+def _dated(path: Path, number: int, word: str) -> str:
+    return f"{path}:{number}: {word[:40]!r} is a date or a time of day; give the time in s from the start"
+
+
+def _text_above(path: Path, lines: list[str], header: Header, number: int) -> str:
+    """Return what a line of text is that stands above the figures, "" where no figures follow it."""
+    rows = [(n, words) for n, words in _rows(lines[: number + _TEXT_LINES], header) if n > number]
+    first = next(((n, words) for n, words in rows if all(is_number(word) or is_date(word) for word in words)), None)
+    if first is None:
+        return ""
+    count = len(first[1])
+    if dates := [word for word in first[1] if is_date(word)]:
+        return _dated(path, first[0], dates[0])
+    if count > 2:
+        return (
+            f"{path}:{first[0]}: {count} columns below text; give one (acceleration) or two (time in s, acceleration), "
+            "with their names and units in the first line"
+        )
+    return (
+        f"{path}:{number}: text above the figures, which begin in line {first[0]}; remove it or begin it with #, and "
+        "let one line name the columns with their units (time_s,accel_m_s2)"
+    )
 
 
 def _rows(lines: list[str], header: Header) -> Iterator[tuple[int, list[str]]]:
@@ -391,6 +440,13 @@ def _even_interval(path: Path, lines: list[str], header: Header, time_s: Array) 
     if len(faulty) == 0:
         faulty = np.flatnonzero(np.abs(steps - usual) > _EVENNESS * usual)
     if len(faulty):
+        digit = rounded_times(time_s)
+        if digit is not None:
+            line = _line_of(lines, header, int(faulty[0]) + 1)
+            raise InputError(
+                f"{path}:{line}: the time (first column) has too few digits: it is even but rounded to {digit:g} s; "
+                "write it with more, or remove the column and state the interval (record.dt_s, # dt:)"
+            )
         line, step = _line_of(lines, header, int(faulty[0]) + 1), steps[faulty[0]]
         what = "does not increase here" if step <= 0.0 else f"steps by {step:.6g} s here, elsewhere by {usual:.6g} s"
         raise InputError(f"{path}:{line}: the time (first column) {what}; give samples at an even interval")
@@ -461,6 +517,13 @@ def _interval_faults(path: Path, header: Header, dt_s: float | None) -> list[str
 def _check_peak(path: Path, lines: list[str], header: Header, figures: Array, unit: str) -> None:
     """Raise InputError for a peak among figures (n,) in their unit that no ground reached."""
     index = int(np.argmax(np.abs(figures)))
+    lost = np.flatnonzero(lost_scans(figures))
+    if lost.size:
+        which = "1 sample reads" if lost.size == 1 else f"{lost.size} samples read"
+        raise InputError(
+            f"{path}:{_line_of(lines, header, int(lost[0]))}: {which} "
+            "exactly -9999, which recorders write for a sample that was lost; mend or cut the record"
+        )
     peak = abs(float(figures[index])) * FACTORS_M_S2[unit]
     if peak > MAX_PEAK_M_S2:
         raise InputError(

@@ -11,13 +11,12 @@ from enum import Enum
 from pathlib import Path
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import open_regular
-from rths_cli.files.hdf5_heaps import check_heaps
-from rths_cli.files.hdf5_safety import LayoutError, attribute
+from rths_cli.files.durable_files import is_stream, open_regular, stream_fault
+from rths_cli.files.hdf5_opening import RESTORE, SIGNATURE, VIRTUAL, Wanted, opened, unreadable
+from rths_cli.files.hdf5_safety import attribute
 from rths_cli.files.model_file import read_model
 
-RAW_LOG, HDF5, MODEL = b"RTHSLOG", b"\x89HDF\r\n\x1a\n", b"rths-model"
-VIRTUAL = "virtual"  # kind of rig whose data can be made anew
+RAW_LOG, MODEL = b"RTHSLOG", b"rths-model"
 SHOWN = 3  # names of replaced files in a sentence
 
 
@@ -34,14 +33,18 @@ class Kind(Enum):
 FORMATS = {"rths-result": Kind.RESULT, "rths-sweep": Kind.SWEEP, "rths-recording": Kind.RECORDING}
 
 
-def check_existing(files: Iterable[tuple[Path, Kind]], replace: bool) -> tuple[Path, ...]:
+def check_existing(files: Iterable[tuple[Path, Kind]], replace: bool, streams: bool = False) -> tuple[Path, ...]:
     """Return those of the files to be written that exist and will be replaced.
 
     Raises InputError with a sentence for each that may not be: measured data, another kind of file, and any with
-    `replace` false (`--no-replace`).
+    `replace` false (`--no-replace`). A device or pipe is never replaced; with `streams`, one that takes bytes is
+    written to, which `written_whole` does.
     """
-    present = [(path, kind) for path, kind in dict.fromkeys(files) if path.is_file()]
-    faults = [fault for path, kind in present if (fault := _fault(path, kind, replace))]
+    asked = list(dict.fromkeys(files))
+    flows = [(path, kind) for path, kind in asked if is_stream(path)]
+    present = [(path, kind) for path, kind in asked if path.is_file() and (path, kind) not in flows]
+    faults = [fault for path, kind in flows if (fault := _stream_fault(path, kind, streams))]
+    faults += [fault for path, kind in present if (fault := _fault(path, kind, replace))]
     if faults:
         raise InputError(*faults)
     return tuple(path for path, _ in present)
@@ -53,8 +56,19 @@ def replaced_sentence(files: Sequence[Path]) -> str:
     return f"replaced {names}" if files else ""
 
 
+def _stream_fault(path: Path, kind: Kind, streams: bool) -> str:
+    what = stream_fault(path)
+    if streams and not what:
+        return ""
+    return f"{path}: {what or 'is no file, but a device or pipe'}; a {kind.value} needs a file, give the name of one"
+
+
 def _fault(path: Path, kind: Kind, replace: bool) -> str:
-    found, measured = _look(path)
+    try:
+        found, measured = _look(path)
+    except InputError as error:
+        reason = error.faults[0].removeprefix(f"{path}: ").partition(";")[0].rstrip(".")
+        return f"{path}: exists and {reason}, so what it holds is not known; choose another name"
     if measured:
         return f"{path}: exists and holds measured data, which are never replaced; choose another name"
     if found is not kind and path.stat().st_size:
@@ -65,17 +79,20 @@ def _fault(path: Path, kind: Kind, replace: bool) -> str:
 
 
 def _look(path: Path) -> tuple[Kind | None, bool]:
-    """Return what a file is, None where it cannot be told, and whether it holds measured data."""
+    """Return what a file is, None where it is of no known kind, and whether it holds measured data.
+
+    Raises InputError for one that cannot be read.
+    """
     try:
         with open_regular(path) as file:
             start = file.read(len(MODEL))
-    except OSError:
-        return None, False
+    except OSError as error:
+        raise InputError(unreadable(path, error)) from error
     if start.startswith(RAW_LOG):
         return Kind.RECORDING, True
     if start.startswith(MODEL):
         return Kind.MODEL, _is_real_model(path)
-    return _look_into(path) if start.startswith(HDF5) else (Kind.DOCUMENT, False)
+    return _look_into(path) if start.startswith(SIGNATURE) else (Kind.DOCUMENT, False)
 
 
 def _is_real_model(path: Path) -> bool:
@@ -87,14 +104,8 @@ def _is_real_model(path: Path) -> bool:
 
 
 def _look_into(path: Path) -> tuple[Kind | None, bool]:
-    import h5py
-
-    try:
-        check_heaps(path)
-        with h5py.File(path, "r") as file:
-            form, rig, convention = (attribute(file, name) for name in ("format", "rig_kind", "Conventions"))
-    except (LayoutError, OSError, RuntimeError, LookupError, ValueError, TypeError):  # damaged
-        return None, False
+    with opened(path, Wanted("file of rths", "is not an HDF5 file", RESTORE)) as file:
+        form, rig, convention = (attribute(file, name) for name in ("format", "rig_kind", "Conventions"))
     if convention is not None:  # an export
         return Kind.DOCUMENT, False
     kind = FORMATS.get(str(form))

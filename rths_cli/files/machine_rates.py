@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from rths_cli.errors import InputError
 from rths_cli.user_cache import user_cache
 
 LATE_SHARE = 5e-3  # of the steps, that may be late by a whole interval or lost
@@ -85,7 +86,7 @@ def _read() -> dict[str, dict[str, Any]]:
     """Return everything kept, nothing where the file is missing or damaged."""
     try:
         data = json.loads(_path().read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, InputError):
         return {}
     sound = isinstance(data, dict) and all(isinstance(rates, dict) for rates in data.values())
     return data if sound else {}

@@ -16,15 +16,16 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files import hdf5_safety as layout
-from rths_cli.files.durable_files import make_folder, open_regular, part_of
+from rths_cli.files.durable_files import Stamp, make_folder, open_regular, part_of, publish, stamp
 from rths_cli.files.hdf5 import Dataset, numbers, write_group
 from rths_cli.files.hdf5_heaps import check_image
+from rths_cli.files.hdf5_opening import HELD, RESTORE, SIGNATURE, is_held, unreadable
 from rths_cli.files.result_writer import Attribute, refusal
 
 if TYPE_CHECKING:
@@ -38,10 +39,11 @@ HEADER = ("format", "format_version", HASH)
 NOT_HASHED = ("created_utc", "path")
 PARTS = ("_real", "_imag")
 BLOCK = 512
+END_OF_FILE = 40  # place of the file's size in a superblock of version 0 (HDF5 File Format Specification 3.0, II.A)
 MOST_BYTES = 100_000_000
 LEAD = b"rths-model, SHA-256 of all bytes after the first 512: "
 RESULT = b"rths-result"
-AGAIN = "identify again or take the original file."
+AGAIN = f"{RESTORE}."
 WANTED = "give a model file written by rths identify."
 
 Contents = dict[str, dict[str, Any]]
@@ -62,17 +64,27 @@ class ModelFile:
     sha256: str
 
 
+class Written(NamedTuple):
+    """Where a model was written, and the hash of its content."""
+
+    path: Path
+    sha256: str
+
+
 def write_model(
     path: Path,
     attributes: Mapping[str, Attribute],
     groups: Mapping[str, Mapping[str, Dataset]],
-    replace: bool = True,
-) -> str:
-    """Write a model file, folders above it included, and return the hash of its content.
+    replaces: Stamp | Literal["any"] = "any",
+) -> Written:
+    """Write a model file, folders above it included, and return its name and the hash of its content.
+
+    It takes the place of any file of that name, or of that with the stamp `replaces` alone: another one stays, and the
+    model gets the next free name.
 
     A dataset that another one of its group (or itself) names in `dims` is a scale; complex data become NAME_real
-    and NAME_imag. Raises InputError when the disk refuses, or the file exists and `replace` is false; ValueError
-    for a name that cannot be read back, a missing unit, or an axis that fits no scale.
+    and NAME_imag. Raises InputError when the disk refuses; ValueError for a name that cannot be read back, a missing
+    unit, or an axis that fits no scale.
     """
     path = Path(path)
     stated = {name: _plain(value) for name, value in attributes.items()}
@@ -82,15 +94,13 @@ def write_model(
     sha256 = _content_hash(stated, {group: _values(datasets) for group, datasets in canonical.items()})
     image = _image({**stated, "format": FORMAT, "format_version": FORMAT_VERSION, HASH: sha256}, canonical)
     try:
-        if not replace and os.path.lexists(path):
-            raise InputError(f"{path}: exists and is not replaced; choose another name.")
         with suppress(FileExistsError):  # a file in the folder's place: opening the part says so better
             make_folder(path.parent)
-        _publish(path, image)
+        name = _publish(path, image, stamp(path) if replaces == "any" else replaces)
     except OSError as error:
         sentence = refusal(path, "cannot write the model file", error, advice=False).removesuffix(".")
         raise InputError(f"{sentence}; free space or choose another folder.") from error
-    return sha256
+    return Written(name, sha256)
 
 
 def read_model(path: Path) -> ModelFile:
@@ -154,15 +164,16 @@ def _block(after: bytes) -> bytes:
     return (LEAD + hashlib.sha256(after).hexdigest().encode() + b"\n").ljust(BLOCK, b"\0")
 
 
-def _publish(path: Path, image: bytes) -> None:
-    """Write bytes under a temporary name and rename; whatever happens, no part stays unless the process is killed."""
+def _publish(path: Path, image: bytes, seen: Stamp) -> Path:
+    """Write bytes under a temporary name, rename and return the name; whatever happens, no part stays unless the
+    process is killed."""
     part = part_of(path)
     try:
         with open(part, "wb") as file:
             file.write(image)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(part, path)
+        return publish(part, path, seen)
     except BaseException:  # a signal too must leave no half file
         with suppress(OSError):
             part.unlink()
@@ -177,18 +188,33 @@ def _unsealed(path: Path) -> bytes:
         with open_regular(path) as file:
             image = file.read(MOST_BYTES + 1)
     except (OSError, ValueError) as error:
-        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+        raise InputError(unreadable(path, error)) from error
     if len(image) > MOST_BYTES:
         raise InputError(f"{path}: is larger than {MOST_BYTES / 1e6:.0f} MB; {WANTED}")
     if image.startswith(LEAD):
-        if image[:BLOCK] != _block(image[BLOCK:]):
-            raise InputError(f"{path}: is truncated, damaged or edited; {AGAIN}")
-        return image
+        if image[:BLOCK] == _block(image[BLOCK:]):
+            return image
+        if is_held(path):
+            raise InputError(f"{path}: {HELD}")
+        whole = _whole_bytes(image)
+        if len(image) < whole:
+            raise InputError(f"{path}: is truncated: {len(image)} of {whole} bytes are there; {AGAIN}")
+        raise InputError(f"{path}: is damaged or edited; {AGAIN}")
+    if LEAD.startswith(image):
+        raise InputError(f"{path}: is empty or truncated: {len(image)} bytes are there; {AGAIN}")
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: is not an HDF5 file; {WANTED}")
     if RESULT in image:
         raise InputError(f"{path}: is a result file of rths run; {WANTED}")
     raise InputError(f"{path}: is HDF5, but not a model file of rths, or a damaged one; {WANTED}")
+
+
+def _whole_bytes(image: bytes) -> int:
+    """Return how many bytes the superblock (version 0) of a model file states, all of it where that is cut off."""
+    start, end = BLOCK + END_OF_FILE, BLOCK + END_OF_FILE + 8
+    if len(image) < end:
+        return max(end, len(image) + 1)
+    return int.from_bytes(image[start:end], "little") if image[BLOCK:].startswith(SIGNATURE + b"\0") else 0
 
 
 def _contents(path: Path, image: bytes) -> tuple[dict[str, Attribute], Contents]:

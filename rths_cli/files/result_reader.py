@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import open_regular
 from rths_cli.files.hdf5 import INTERVAL, SOURCES, Dataset, datasets, numbers, text
-from rths_cli.files.hdf5_heaps import check_heaps
+from rths_cli.files.hdf5_opening import RESTORE, VIRTUAL, Wanted, advice, opened
 from rths_cli.files.hdf5_safety import (
     LayoutError,
     attribute,
@@ -34,7 +33,6 @@ from rths_cli.files.result_writer import (
     ResultWriter,
     Status,
     check_writable,
-    refusal,
 )
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ, ComparedBand
 from rths_cli.numerics.lti import Array
@@ -104,8 +102,13 @@ class Result:
     def sample_rate_hz(self) -> float:
         """Return the sample rate in Hz; raises InputError where a damaged file has lost it."""
         if (rate := self.attributes.get("sample_rate_hz")) is None:
-            raise InputError(f"{self.path}: has lost its attribute sample_rate_hz; run the case again.")
+            raise InputError(f"{self.path}: has lost its attribute sample_rate_hz; {self.made_anew}")
         return float(rate)
+
+    @property
+    def made_anew(self) -> str:
+        """Return what to do about a damaged result: only a case of a virtual rig is run again."""
+        return WANTED.again if self.attributes.get("rig_kind") == VIRTUAL else f"{RESTORE}."
 
     @property
     def series(self) -> str:
@@ -151,7 +154,7 @@ def read_checked(path: Path, whole: bool = False) -> Result:
     found = read_result(path, whole)
     fault = figure_fault(found.metrics)
     if fault:
-        raise InputError(f"{path}: {fault}, so it is no result file as rths run writes it; run the case again.")
+        raise InputError(f"{path}: {fault}, so it is no result file as rths run writes it; {found.made_anew}")
     return found
 
 
@@ -171,9 +174,7 @@ def read_series(path: Path, name: str) -> Array:
     found = read_dataset(path, name)
     declared = stored_dataset(name)
     if declared is not None and found.units != declared.units:
-        raise InputError(
-            f"{path}: {name} is in {found.units}, expected is {declared.units}; convert it, or run the case again."
-        )
+        raise InputError(f"{path}: {name} is in {found.units}, expected is {declared.units}; convert it to that unit.")
     return np.asarray(found.data)
 
 
@@ -308,29 +309,19 @@ def _beside(scale: h5py.Dataset, node: h5py.Dataset) -> str | None:
     return f"{group.name.rstrip('/')}/{label.decode()}"
 
 
+WANTED = Wanted(
+    "result file as rths run writes it", "is not an HDF5 file; give a result file written by rths run.",
+    "run the case again.",
+)  # fmt: skip
+
+
 def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
     """Apply `read` to an open, checked result file; every fault of the file is an InputError."""
-    import h5py
-
-    try:
-        open_regular(path).close()
-    except (OSError, ValueError) as error:
-        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
-    if not h5py.is_hdf5(path):
-        if path.suffix in (".yaml", ".yml"):
-            raise InputError(f"{path}: is a YAML file, not a result; rths run {path} makes a result of a case.")
-        raise InputError(f"{path}: is not an HDF5 file; give a result file written by rths run.")
-    try:
-        check_heaps(path)
-        with h5py.File(path, "r") as file:
-            _check_format(path, file)
-            return read(file)
-    except LayoutError as error:
-        raise InputError(
-            f"{path}: {error}, so it is no result file as rths run writes it; run the case again."
-        ) from error
-    except (OSError, RuntimeError, LookupError, ValueError, TypeError) as error:
-        raise InputError(f"{path}: is truncated or damaged and cannot be read; run the case again.") from error
+    if path.suffix in (".yaml", ".yml"):
+        raise InputError(f"{path}: is a YAML file, not a result; rths run {path} makes a result of a case.")
+    with opened(path, WANTED) as file:
+        _check_format(path, file)
+        return read(file)
 
 
 def _check_format(path: Path, file: h5py.File) -> None:
@@ -340,7 +331,7 @@ def _check_format(path: Path, file: h5py.File) -> None:
     if form != FORMAT:
         raise InputError(f"{path}: is not a result file of rths (no attribute format = {FORMAT}).")
     if attribute(file, "status") is None:
-        raise InputError(f"{path}: does not say how its run ended (no attribute status); run the case again.")
+        raise InputError(f"{path}: does not say how its run ended (no attribute status); {advice(file, WANTED)}")
     version = int(attribute(file, "format_version") or 0)
     if version > FORMAT_VERSION:
         raise InputError(f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths.")

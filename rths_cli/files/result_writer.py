@@ -1,10 +1,12 @@
 """Write the result file of one case (HDF5, format version 1), group by group.
 
 A file is written under a temporary name in its own folder and renamed when it is finished, so a file with the
-final name is never half a file. Until then its status says `interrupted`, and every group is flushed: what a
-killed process leaves behind (`.NAME.h5.HOST-PID.part`) opens and says how it ended. A file that will be added to once
-the table is at rest is finished as `interrupted`, and a writer that `continues` it works on a copy. One that was parked
-while a table moved and fails after that keeps what it holds, and says why.
+final name is never half a file. It takes the place only of what stood there when it was begun: where another process
+has taken the name meanwhile, both are kept, and `path` says which name the file got. Until then its status says
+`interrupted`, and every group is flushed: what a killed process leaves behind (`.NAME.h5.HOST-PID.part`) opens and says
+how it ended. A file that will be added to once the table is at rest is finished as `interrupted`, and a writer that
+`continues` it works on a copy. One that was parked while a table moved and fails after that keeps what it holds, and
+says why.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import make_folder, part_of, remove_leftovers, sync
+from rths_cli.files.durable_files import Stamp, make_folder, part_of, publish, remove_leftovers, stamp, sync
 from rths_cli.files.hdf5 import Dataset, add_text, as_declared, scales_of, write_group
 from rths_cli.files.staged_file import StagedFile, signals_held
 from rths_cli.numerics.lti import Array
@@ -72,12 +74,14 @@ class ResultWriter:
         self._file: Any = None  # h5py.File while open
         self._staged: StagedFile | None = None  # what it writes through
         self._scales: dict[str, NDArray[Any]] = {}  # those written, by path
+        self._seen: Stamp = None  # of the file that is replaced
 
     def __enter__(self) -> ResultWriter:
         """Open the temporary file; raise InputError where the disk refuses or hardware data have the name."""
         import h5py
 
-        if not self._expendable and self.path.exists():
+        self._seen = stamp(self.path)
+        if not self._expendable and self._seen is not None:
             raise InputError(f"{self.path}: exists and holds a hardware run; choose another name or --output folder.")
         if self._expendable and not self._resumed:  # a run on hardware may have left its samples in one
             remove_leftovers(self.path)
@@ -267,7 +271,7 @@ class ResultWriter:
                 self._staged.close()
                 if self._lasting:
                     sync(self.part)
-                os.replace(self.part, self.path)
+                self.path = publish(self.part, self.path, self._seen)
                 if self._lasting:
                     sync(self.path.parent)
         except BaseException:  # a signal too must leave no half file

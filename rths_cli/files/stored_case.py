@@ -6,7 +6,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import yaml
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
@@ -25,6 +24,8 @@ def stored_case(result: Result) -> dict[str, Any]:
 
 @lru_cache(maxsize=CASES)
 def _read(text: str) -> dict[str, Any]:
+    import yaml
+
     try:
         case = yaml.safe_load(text)  # the loader in C crashes on deeply nested text
     except yaml.YAMLError:
@@ -40,7 +41,7 @@ def floor_masses_kg(result: Result) -> Array:
         parts = [structure[part]["masses_kg"] for part in ("numerical", "experimental")]  # type: ignore[index]
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{result.path}: has lost the masses of its case; run it again.") from error
+        raise InputError(f"{result.path}: has lost the masses of its case; {result.made_anew}") from error
 
 
 def storey_heights_m(result: Result) -> Array | None:

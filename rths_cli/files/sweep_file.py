@@ -25,9 +25,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import open_regular, written_whole
+from rths_cli.files.durable_files import (
+    Stamp,
+    is_stream,
+    open_regular,
+    part_of,
+    publish,
+    remove_leftovers,
+    written_whole,
+)
 from rths_cli.files.hdf5 import Dataset, Written, as_declared, datasets, text, write_group
-from rths_cli.files.hdf5_heaps import check_heaps
+from rths_cli.files.hdf5_opening import Wanted, opened
 from rths_cli.files.hdf5_safety import LayoutError, attribute, attributes, member, values_of
 from rths_cli.files.result_writer import Attribute, refusal
 from rths_cli.files.staged_file import new_large_hdf5
@@ -126,10 +134,15 @@ class Head:
         )  # fmt: skip
 
 
-def write_sweep(path: Path, sweep: Sweep) -> None:
-    """Write the file of a sweep; raises InputError when the disk refuses."""
+def write_sweep(path: Path, sweep: Sweep, seen: Stamp = None) -> Path:
+    """Write the file of a sweep and return its name; raises InputError when the disk refuses.
+
+    It takes the place of the file with the stamp `seen` alone, as in `publish`.
+    """
+    part = part_of(path)
     try:
-        with written_whole(path) as part, new_large_hdf5(part) as (file, commit):
+        remove_leftovers(path)
+        with new_large_hdf5(part) as (file, commit):
             about = {"format": FORMAT, "format_version": FORMAT_VERSION, "seeds_per_point": sweep.seeds_per_point}
             names = {"coordinates": " ".join(["seed", *sweep.varied]), "figures": " ".join(sweep.figures)}
             file.attrs.update({**sweep.attributes, **about, **names})
@@ -140,8 +153,12 @@ def write_sweep(path: Path, sweep: Sweep) -> None:
                 write_group(file, batch, scales, written)
                 if left:  # a large table is not kept in memory twice
                     commit()
+        return publish(part, path, seen)
     except (OSError, RuntimeError) as error:
         raise InputError(refusal(path, "cannot write the result file", error)) from error
+    finally:
+        with suppress(OSError):
+            part.unlink()
 
 
 def read_attributes(path: Path) -> dict[str, Attribute]:
@@ -178,29 +195,12 @@ def read_columns(path: Path, keep: Callable[[str, NDArray[Any]], None]) -> None:
 
 def _reading(path: Path, read: Callable[[h5py.File], T], other: str = "is no file that rths sweep wrote") -> T:
     """Apply `read` to the open file of a sweep; every fault of the file is an InputError, with `other` for another."""
-    import h5py
-
-    what = ""
-    try:
-        open_regular(path).close()
-        if h5py.is_hdf5(path):
-            what = "an HDF5 file"
-            check_heaps(path)
-            with h5py.File(path, "r") as file:
-                form = attribute(file, "format")
-                what = "a sweep" if form == FORMAT else ""
-                if form == FORMAT:
-                    _check_version(path, attribute(file, "format_version"))
-                    return read(file)
-    except LayoutError as error:
-        raise InputError(f"{path}: {error}, so it is no sweep as rths writes it; run the sweep again.") from error
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; check the path") from error
-    except (OSError, RuntimeError, LookupError, ValueError, TypeError) as error:
-        if what:
-            sentence = f"is {what} that is truncated or damaged and cannot be read; run the sweep again."
-            raise InputError(f"{path}: {sentence}") from error
-    raise InputError(f"{path}: {other}")
+    wanted = Wanted("sweep as rths writes it", other, "run the sweep again.", virtual=True)
+    with opened(path, wanted) as file:
+        if attribute(file, "format") != FORMAT:
+            raise InputError(f"{path}: {other}")
+        _check_version(path, attribute(file, "format_version"))
+        return read(file)
 
 
 def _check_version(path: Path, version: Attribute | None) -> None:
@@ -330,8 +330,8 @@ def check_csv(path: Path, result: Path) -> None:
     """Raise InputError where the table as CSV would replace what it must not: anything but such a table."""
     if path.resolve() == result.resolve():
         raise InputError(f"--csv {path}: is the result file itself; give it a name of its own")
-    if path.exists() and not path.is_file():
-        raise InputError(f"--csv {path}: is no ordinary file; give the name of a file to write")
+    if is_stream(path):
+        return
     try:
         with open_regular(path) as file:
             ours = file.read(len(CSV_START)) == CSV_START

@@ -25,7 +25,7 @@ from rths_cli.identification.excitation_headroom import louder
 from rths_cli.identification.frequency_response import estimate, noise_floor
 from rths_cli.identification.identify_table import TableFit, coherent_up_to, fit_table, levels, with_ripple
 from rths_cli.identification.inputs import Evidence, IdentificationSettings, evidence
-from rths_cli.identification.model_order import doubtful
+from rths_cli.identification.model_order import unsupported
 from rths_cli.identification.pitch import pitch
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import (
@@ -245,7 +245,7 @@ def _table(data: Evidence, fit: TableFit, given: Model | None) -> _Table:
     paper = best if given and len(best.zeros) == len(best.poles) else fit.paper
     compared, in_table = levels(data, fit)
     comparable = data.settings.like_noise and data.level_ratio >= LEAST_LEVELS
-    structure = () if given else (*doubtful(fit.chosen), *verdict.not_held(fit.candidates))
+    structure = () if given else (*unsupported(fit.chosen), *verdict.not_held(fit.candidates))
     in_storeys = level_dependence.of_specimen(data.records, data.quiet, info, data.masses_kg, data.settings.band_hz)
     causes = LevelCauses(in_table, in_storeys)
     return _Table(fit, best, paper, given is not None, compared, causes, comparable, structure)
@@ -266,6 +266,8 @@ def _identification(
     low = identify_specimen.at_low_level(data, table.fit.chosen.model, specimen.excited)
     of_level = identify_specimen.of_level(data.level_ratio, specimen.excited, low)
     excited, free = (identify_specimen.with_level(each, *of_level) for each in (specimen.excited, specimen.free))
+    roots = _roots(data, table, excited, of_level, dry)
+    warnings = [*_warnings(data, reports, table, specimen), *late]
     return Identification(
         frfs=(clean, *frfs[1:]),
         noise_floors=tuple(noise_floor(data.records, frf, c, data.info.dt_s) for c, frf in enumerate(frfs)),
@@ -278,10 +280,10 @@ def _identification(
         low_level=low,
         channels=reports,
         candidates=() if table.given else table.fit.candidates,
-        roots=_roots(data, table, excited, of_level, dry),
+        roots=roots,
         residuals=verdict.residuals(best, clean, compared),
         levels=table.levels if table.comparable else (),
-        verdict=_verdict(data, table, specimen, dry, [*_warnings(data, reports, table, specimen), *late]),
+        verdict=_verdict(data, table, specimen, dry, warnings, roots),
         friction=dry,
         latency=latency,
         causes=table.causes,
@@ -352,19 +354,26 @@ def _gain(table: _Table, data: Evidence) -> tuple[str, ...]:
     return channel_responses.gain_warnings(table.best.low_frequency_gain_m_per_v, error, data.info)
 
 
-def _verdict(data: Evidence, table: _Table, specimen: _Specimen, dry: Friction | None, warnings: list[str]) -> Verdict:
+def _verdict(
+    data: Evidence, table: _Table, specimen: _Specimen, dry: Friction | None, warnings: list[str],
+    roots: tuple[Root, ...],
+) -> Verdict:  # fmt: skip
     """Return whether the model may drive the table."""
     compared = data.settings.compared
     error, most = beyond_scatter(table.best, table.fit.frf, compared), data.settings.most
+    known_hz, cost, unknown = verdict.without_information(
+        table.fit.chosen, () if table.given else roots, most, compared
+    )
     return verdict.judge(
         table.best,
         error,
         table.fit.frf,
         most,
-        warnings,
+        [*warnings, *cost],
         table.levels if table.comparable else (),
         data.level_ratio,
         (
+            *unknown,
             *specimen.reasons,
             *channel_responses.far_gain(table.best.low_frequency_gain_m_per_v, data.info, table.fit.frf, compared),
         ),
@@ -374,6 +383,7 @@ def _verdict(data: Evidence, table: _Table, specimen: _Specimen, dry: Friction |
         _noisy(data, table.fit.frf),
         dry,
         compared,
+        known_hz,
     )
 
 

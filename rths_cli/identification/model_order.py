@@ -219,7 +219,13 @@ def doubtful(found: Fit) -> tuple[str, ...]:
     Such a pair is undetermined, cancels with another one within their uncertainty, or resonates outside the measured
     band.
     """
-    return (*_undetermined(found), *_cancelling(found), *_beyond_band(found))
+    return (*_undetermined(found), *unsupported(found))
+
+
+def unsupported(found: Fit) -> tuple[str, ...]:
+    """Return a sentence for each pair of roots that cancels with another one, or resonates outside the measured
+    band."""
+    return (*_cancelling(found), *_beyond_band(found))
 
 
 def _resonates(pairs: Array, found: Fit) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -146,6 +147,9 @@ class LevelCauses:
     storeys: tuple[int, ...] = ()  # storeys of the specimen, from 1, whose stiffness depends on the level
 
 
+NO_INFORMATION = 0.5  # standard uncertainty over the value from which two of them reach zero
+
+
 @dataclass(frozen=True)
 class Root:
     """A pair of roots (or a single real one: damping ratio NaN) with standard uncertainties (NaN: not known)."""
@@ -155,6 +159,21 @@ class Root:
     damping_ratio: float
     frequency_error_hz: float
     damping_error: float
+
+    @property
+    def frequency_known(self) -> bool:
+        """Return whether the data determine the frequency; True where its uncertainty is not known."""
+        return not self.frequency_error_hz > NO_INFORMATION * self.frequency_hz
+
+    @property
+    def damping_known(self) -> bool:
+        """Return whether the data determine the damping ratio; True where there is none."""
+        return not self.damping_error > NO_INFORMATION * abs(self.damping_ratio)
+
+    @property
+    def determined(self) -> bool:
+        """Return whether the data determine this root."""
+        return self.frequency_known and self.damping_known
 
 
 @dataclass(frozen=True)
@@ -167,6 +186,7 @@ class Verdict:
     lag_s: float  # phase lag from command to displacement at low frequency, as a time, delay included
     reasons: tuple[str, ...]  # why the model is rejected
     warnings: tuple[str, ...]
+    known_hz: float = math.inf  # above, the model says nothing; infinite: the data determine all its roots
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,7 +21,7 @@ from rths_cli.identification.results import (
     SpecimenFit,
     Verdict,
 )
-from rths_cli.identification.table_fit import SCATTER, Fit, Timing, rms, within
+from rths_cli.identification.table_fit import SCATTER, Fit, Timing, response_and_slopes, rms, within
 from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Frf, Model
 from rths_cli.rigs.description import RigInfo
@@ -34,6 +33,8 @@ NOISY = 0.5  # scatter of the data over the limit of the fit, above which noise 
 MOST_LAG_S = 0.5
 CERTAIN = 3.0  # standard errors
 ROOM = 1.2  # least factor by which an excitation could be louder, for the advice to do so
+OVERDAMPED = 1.5  # damping ratio of a pair from which it is told as two real roots
+LINES_OF_ERROR = 400  # frequencies at which the uncertainty of a response is computed
 ONE_LEVEL = LevelCauses()
 GIVEN = "it is not a model of this table as it is now: check gain, sign, units and delay"
 
@@ -42,7 +43,7 @@ def judge(
     model: Model, error: FitError, frf: Frf, most: FitError, warnings: Sequence[str],
     levels: Sequence[LevelBand] = (), level_ratio: float = math.inf, further: Sequence[str] = (), given: bool = False,
     causes: LevelCauses = ONE_LEVEL, louder: float = 1.0, noisy: bool = True, friction: Friction | None = None,
-    compared: ComparedBand = USUAL,
+    compared: ComparedBand = USUAL, known_hz: float = math.inf,
 ) -> Verdict:  # fmt: skip
     """Return the verdict on a model with a given fit error, that is the error beyond the scatter of the data.
 
@@ -52,7 +53,7 @@ def judge(
     `further`: additional reasons to reject the model; `given`: the model was supplied and not fitted here.
     `louder`: factor by which the excitation could be louder within the limits; `noisy`: whether the channels' noise
     explains the scatter of the data; `friction`: as identified (None: not determined);
-    `compared`: band in which the model must keep its limits.
+    `compared`: band in which the model must keep its limits; `known_hz`: frequency above which it says nothing.
     """
     scatter = rms(frf.relative_error[within(frf.frequency_hz, compared.hz)])
     inside = [band for band in levels if band.high_hz <= compared.high_hz]
@@ -74,7 +75,7 @@ def judge(
     usable = (compared.low_hz, reach) if reach > compared.low_hz else (0.0, 0.0)
     if not reasons and reach < compared.high_hz:
         reasons = (f"table model: fit only up to {reach:.3g} Hz, {compared.high_hz:g} Hz are needed; {advice}",)
-    return Verdict(not reasons, usable, model.delay_s, low_frequency_lag(model), reasons, tuple(warnings))
+    return Verdict(not reasons, usable, model.delay_s, low_frequency_lag(model), reasons, tuple(warnings), known_hz)
 
 
 def _advice(scatter: float, most: FitError, causes: LevelCauses, louder: float, noisy: bool) -> str:
@@ -282,28 +283,90 @@ def roots_of(found: Fit, specimen: SpecimenFit | None, shifts: Array | None = No
     """Return poles and finite zeros of a fit with their standard uncertainties.
 
     The random part follows from the fit's covariance; `shifts` (n_parameters,) is the systematic part. Zeros that are
-    fixed at the specimen's modes have the specimen's uncertainties.
+    fixed at the specimen's modes have the specimen's uncertainties. An overdamped pair is two real roots, of which the
+    data may determine one alone: what moves the other one, moves frequency and damping ratio of the pair alike.
     """
     poles, single, zeros = found.layout.pairs(found.parameters)
-    error = np.sqrt(np.diag(found.covariance))
-    error = error if shifts is None else np.hypot(error, shifts)
-    column, rows = 1, []
-    for kind, pairs in (("pole", poles), ("zero", zeros)):
-        if kind == "zero":
-            for corner in single:
-                hz = corner / (2.0 * np.pi)
-                rows.append(Root("pole", hz, float("nan"), hz * error[column], float("nan")))
-                column += 1
-        for omega, ratio in pairs:
-            hz = omega / (2.0 * np.pi)
-            rows.append(Root(kind, hz, ratio, hz * error[column], ratio * error[column + 1]))
-            column += 2
-    first = len(rows) - len(zeros)
-    for mode in range(found.held_zeros if specimen is not None else 0):
-        assert specimen is not None
-        spread = (float(specimen.frequency_error_hz[mode]), float(specimen.damping_error[mode]))
-        rows[first + mode] = replace(rows[first + mode], frequency_error_hz=spread[0], damping_error=spread[1])
+    spread = found.covariance if shifts is None else found.covariance + np.outer(shifts, shifts)
+    error = np.sqrt(np.diag(spread))
+    first_zero = 1 + 2 * len(poles) + len(single)
+    rows = []
+    for number, pair in enumerate(poles):
+        columns = slice(1 + 2 * number, 3 + 2 * number)
+        rows += _rows_of_pair("pole", pair, spread[columns, columns])
+    for number, corner in enumerate(single):
+        hz = corner / (2.0 * np.pi)
+        rows.append(Root("pole", hz, float("nan"), hz * error[1 + 2 * len(poles) + number], float("nan")))
+    for number, pair in enumerate(zeros):
+        columns = slice(first_zero + 2 * number, first_zero + 2 * number + 2)
+        if specimen is not None and number < found.held_zeros:
+            known = (float(specimen.frequency_error_hz[number]), float(specimen.damping_error[number]))
+            rows.append(Root("zero", pair[0] / (2.0 * np.pi), pair[1], *known))
+        else:
+            rows += _rows_of_pair("zero", pair, spread[columns, columns])
     return tuple(rows)
+
+
+def _rows_of_pair(kind: str, pair: Array, spread: Array) -> list[Root]:
+    """Return a pair (w, zeta) as one root, or as two real ones; `spread` (2, 2) is the covariance of its logarithms."""
+    hz, ratio, nan = pair[0] / (2.0 * np.pi), float(pair[1]), float("nan")
+    if ratio <= OVERDAMPED:
+        return [Root(kind, hz, ratio, hz * math.sqrt(spread[0, 0]), ratio * math.sqrt(spread[1, 1]))]
+    root = math.sqrt(ratio**2 - 1.0)
+    found = []
+    for sign in (-1.0, 1.0):  # corners w (zeta -+ sqrt(zeta^2 - 1)) and the slopes of their logarithms
+        corner = hz * (ratio + root) ** sign
+        slopes = np.array([1.0, sign * ratio / root])
+        found.append(Root(kind, corner, nan, corner * math.sqrt(max(slopes @ spread @ slopes, 0.0)), nan))
+    return found
+
+
+def response_error(found: Fit, frequency_hz: Array) -> Array:
+    """Return the relative standard uncertainty (m,) of a fit's response, to first order in its parameters."""
+    s = (2j * np.pi * frequency_hz).astype(complex)
+    _, slopes = response_and_slopes(found.layout, found.parameters, s)
+    spread = found.covariance[: found.layout.size, : found.layout.size]
+    square = sum(np.einsum("im,ij,jm->m", part, spread, part) for part in (slopes.real, slopes.imag))
+    return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+
+
+def without_information(
+    found: Fit, roots: Sequence[Root], most: FitError, compared: ComparedBand
+) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
+    """Return what roots that the data do not determine cost a model.
+
+    That is the frequency above which the model says nothing (its response is uncertain, by two standard uncertainties,
+    beyond the limit `most.largest` of the fit's error; infinite where every root is determined), a warning that says
+    so, and a reason to reject the model where this lies within the compared band.
+    """
+    unknown = [root for root in roots if not root.determined]
+    if not unknown:
+        return math.inf, (), ()
+    frequency = np.geomspace(compared.low_hz, 0.5 / found.model.dt_s, LINES_OF_ERROR)
+    error = SCATTER * response_error(found, frequency)
+    bad = np.flatnonzero(error > most.largest)
+    known_hz = float(frequency[bad[0]]) if bad.size else float(frequency[-1])
+    inside = float(error[frequency <= compared.high_hz].max())
+    names = " and ".join(dict.fromkeys(_named(root, found.model.band_hz) for root in unknown))
+    told = f"table model: {names} {'is' if len(unknown) == 1 else 'are'} not determined by the data"
+    if inside > most.largest:
+        return known_hz, (), (
+            f"{told}, which leaves the model uncertain by {100.0 * inside:.2g} % in {compared}, the limit is "
+            f"{100.0 * most.largest:.2g} %; excite longer or louder, or over a wider band",
+        )  # fmt: skip
+    above = f"above {known_hz:.3g} Hz the model says nothing" if bad.size else "it matters at no frequency"
+    matters = f"in {compared} it matters by at most {100.0 * inside:.2g} %"
+    return known_hz if bad.size else math.inf, (f"{told}; {matters}, {above}",), ()
+
+
+def _named(root: Root, band_hz: tuple[float, float]) -> str:
+    """Return what a root is and where, in words; the number of an undetermined frequency says nothing."""
+    what = f"a real {root.kind}" if math.isnan(root.damping_ratio) else f"a {root.kind} pair"
+    if not root.frequency_known:
+        low, high = band_hz
+        at = "beyond" if root.frequency_hz > high else "below" if root.frequency_hz < low else "within"
+        return f"{what} {at} the fitted band ({low:.3g}-{high:.3g} Hz)"
+    return f"the damping of {what} at {root.frequency_hz:.3g} Hz"
 
 
 def roots_given(model: Model) -> tuple[Root, ...]:

@@ -14,6 +14,7 @@ of every floor, once from the measured motion of the table and once from the des
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,11 +37,21 @@ WINDOW_S, LATEST_S = 1.0, 0.1  # time before the stop that is simulated; its end
 NOW_S, MORE = 5e-3, 2.0  # last instants; table and desired motion diverge if they differ more by this factor
 RECENT_S = 0.2  # samples lost within this time before the stop are a cause
 OFF, BETTER = 0.25, 0.4  # significant difference over the signal; over the other difference, to explain a floor
+JUMP, JUMPED = 3.0, 0.5  # from one sample to the next: over the usual steps, over the usual size of a channel
 BITS = 10.0  # a significant difference also exceeds this many bits of the channel
 FAST = 0.5  # a command faster than this fraction of the velocity limit may be too fast for the table
 KEPT = 3.0 / g.STUCK_BITS  # fraction of the guard's threshold (10 bits): the channel missed three bits of motion
+HALF_CYCLES = 9, 24  # of a growing oscillation: fewest, and most that are looked at
+GROWTH, UNEVEN = 1.5, 0.25  # its last third over the first; standard deviation of half cycles over their mean
 TOGETHER = 0.9  # channels that kept their code for this fraction of the longest such time stopped together
-OF_COMMAND = (g.STROKE, g.VELOCITY, g.COMMAND, g.RATE)  # reasons that depend on the command alone
+OF_COMMAND = (
+    g.STROKE,
+    g.VELOCITY,
+    g.COMMAND,
+    g.RATE,
+    g.PLANNED_REACH,
+    g.DEVIATION,
+)  # reasons that depend on the command alone
 OF_TABLE = (g.TRACKING, g.ENERGY)  # reasons that depend on the table's sensor alone
 OF_FURTHER = (g.MEASURED_STROKE, g.DISAGREES)  # reasons that a displacement sensor or load cell gives
 DIAGNOSED = (*OF_COMMAND, g.ACCELERATION, g.FORCE, g.TRACKING, g.ENERGY, g.STUCK, g.SATURATED, *OF_FURTHER)
@@ -56,6 +67,9 @@ STALLS = (  # values of the log's `lost`
 CHECK_SENSOR = "check its cable, power, sign and sensitivity"
 CHECK_SENSORS = "check their cables, order, power, signs and sensitivities"
 CHECK_TABLE = "check amplifier, command cable and end stops; lower scaling, or identify the rig anew"
+CHECK_LOOP = (
+    "rths check tells the loop's margins; lower feedback_bandwidth_hz, use controller FF, or identify up to there"
+)
 CHECK_EITHER = f"check the sensor; {CHECK_TABLE}"
 
 
@@ -79,10 +93,22 @@ class Seen:
     parted: bool  # whether they began to differ in the last instants
 
 
-def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardState, log: Signals) -> Cause | None:
+Foreseen = Mapping[int, Cause]
+"""Causes that were known before a run, by the guard's reasons that they explain."""
+NOTHING_FORESEEN: Foreseen = {}
+
+
+def cause_of(
+    info: RigInfo,
+    blocks: Blocks,
+    limits: GuardLimits,
+    state: GuardState,
+    log: Signals,
+    foreseen: Foreseen = NOTHING_FORESEEN,
+) -> Cause | None:
     """Return the cause of a stop, None if nothing is known beyond the guard's own reason.
 
-    `log` holds all steps, also those before the record.
+    `log` holds all steps, also those before the record. What was `foreseen` goes before what the signals tell.
     """
     reason, last = int(state.flags[1]), int(state.flags[3])
     if reason == g.LOST:
@@ -92,7 +118,7 @@ def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardSta
         return None
     names = [channel.name for channel in info.channels]
     kept = _kept(limits, state)
-    found = _all_kept(kept, state) or _of_further(info, blocks, limits, state, log)
+    found = foreseen.get(reason) or _all_kept(kept, state) or _of_further(info, blocks, limits, state, log)
     if found is None and reason not in OF_FURTHER:
         found = _of_signals(info, blocks, state, log, kept)
     stall = None if reason == g.STUCK else _lost(log, last, info.dt_s)  # no stall lasts as long as STUCK_S
@@ -109,7 +135,10 @@ def _of_signals(info: RigInfo, blocks: Blocks, state: GuardState, log: Signals, 
     seen = _compared(info, blocks.specimen, blocks.lead_samples, log, last) if blocks.specimen else None
     fits = reason not in OF_COMMAND and int(state.flags[2]) in (g.NO_CHANNEL, 0)
     stuck = int(state.flags[2]) if reason == g.STUCK else g.NO_CHANNEL
-    found = (_named(names, seen, kept, stuck, fits) if seen else None) or _group(names[0], seen, reason)
+    one = _singled_out(kept, state, log, last, info.dt_s)
+    found = (_named(names, seen, kept, stuck, fits, one) if seen else None) or _group(names[0], seen, reason)
+    if (found is None or found.of_table) and (hz := _growing_hz(log, blocks.lead_samples, last, info.dt_s)):
+        return Cause(f"an oscillation of {hz:.3g} Hz grows in the loop of table and controller", CHECK_LOOP, True)
     return _or_too_fast(found) if found and found.of_table and _moved_fast(info, log, last) else found
 
 
@@ -138,7 +167,8 @@ def _of_further(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: Guard
         return Cause(told, CHECK_EITHER, of_table=True)
     kept, stuck = _kept(limits, state), g.NO_CHANNEL
     seen = _compared(info, blocks.specimen, blocks.lead_samples, log, last) if blocks.specimen else None
-    other = _named([one.name for one in info.channels], seen, kept, stuck, False) if seen else None
+    single = _singled_out(kept, state, log, last, info.dt_s)
+    other = _named([one.name for one in info.channels], seen, kept, stuck, False, single) if seen else None
     return other if other is not None and not other.of_table else sensor
 
 
@@ -224,6 +254,23 @@ def _compared(info: RigInfo, specimen: Specimen, lead: int, log: Signals, last: 
     return Seen(alone, bool(as_desired.any()), bool(as_measured.any()), bool(astray), bool(parted))
 
 
+def _growing_hz(log: Signals, lead: int, last: int, dt_s: float) -> float:
+    """Return the frequency in Hz of a tracking error that oscillates evenly and grows up to the stop; 0 without one."""
+    first = max(last + 1 - round(WINDOW_S / dt_s), lead)
+    if log.desired.ndim < 2 or last <= first:
+        return 0.0
+    error = log.desired[0, first - lead : last + 1 - lead] - log.corrected[0, first : last + 1]
+    crossings = np.flatnonzero(np.diff(np.signbit(error))) + 1
+    fewest, most = HALF_CYCLES
+    if crossings.size <= fewest or not np.isfinite(error).all():
+        return 0.0
+    ends = crossings[-most - 1 :]
+    lengths, sizes = np.diff(ends), np.maximum.reduceat(np.abs(error), ends)[:-1]  # of whole half cycles
+    first_third, middle, last_third = (float(part.mean()) for part in np.array_split(sizes, 3))
+    grows = first_third < middle < last_third and last_third > GROWTH * first_third
+    return float(0.5 / (dt_s * lengths.mean())) if grows and lengths.std() < UNEVEN * lengths.mean() else 0.0
+
+
 def _moved_fast(info: RigInfo, log: Signals, last: int) -> bool:
     """Return whether the commands sent shortly before exceeded FAST of the velocity limit."""
     passed = log.command_v[max(last - round(LATEST_S / info.dt_s), 0) : last]
@@ -239,18 +286,40 @@ def _either(table: str) -> Cause:
     return Cause(f"the table does not follow, or the sensor of channel {table} is wrong", CHECK_EITHER, of_table=True)
 
 
-def _named(names: list[str], seen: Seen, kept: Flags, stuck: int, of_table: bool) -> Cause | None:
+def _singled_out(kept: Flags, state: GuardState, log: Signals, last: int, dt_s: float) -> int:
+    """Return the channel that alone kept its code while it missed much of its motion, or that was the first to jump
+    from one sample to the next as no floor can; NO_CHANNEL without one."""
+    rows = log.corrected[:, max(last - round(WINDOW_S / dt_s), 0) : last + 1]
+    latest = max(round(LATEST_S / dt_s), 1)
+    if rows.shape[1] < 3 * latest or not np.isfinite(rows).all():
+        return g.NO_CHANNEL
+    size, steps = _peak(rows), np.abs(np.diff(rows))
+    frozen = np.flatnonzero(kept & (state.moved.min(axis=0) > OFF * size))
+    if frozen.size == 1:
+        return int(frozen[0])
+    least = np.maximum(JUMP * _peak(steps[:, :-latest]), JUMPED * _peak(rows[:, :-latest]))
+    jumped = steps[:, -latest:] > least[:, None]
+    begun = np.where(jumped.any(axis=1), jumped.argmax(axis=1), latest)
+    first = np.flatnonzero(begun == begun.min())
+    return int(first[0]) if first.size == 1 else g.NO_CHANNEL
+
+
+def _named(names: list[str], seen: Seen, kept: Flags, stuck: int, of_table: bool, one: int) -> Cause | None:
     """Return the cause that fits the comparison, None if no channel stands out.
 
     `kept` (c,): channels that kept their code; `stuck`: channel that the guard found stuck; `of_table`: whether the
-    violated limit may concern the table or its sensor.
+    violated limit may concern the table or its sensor; `one`: the channel of several that `_singled_out` found.
     """
     table = names[0]
     own = [name for c, name in enumerate(names[1:]) if seen.alone[c] or c + 1 == stuck]
     beside = bool(seen.astray and own and (of_table or (len(own) > 1 and seen.alone.all())))
     wrong = [table] * (seen.as_desired or beside or stuck == 0) + own
+    # three channels or more may have failed together, one after the other: then none of them is singled out
+    alone = one != g.NO_CHANNEL and names[one] in wrong and len(wrong) <= 2
+    if alone:
+        wrong, own = [names[one]], [names[one]] if one else []
     still = " (its value does not change)" if len(wrong) == 1 and kept[names.index(wrong[0])] else ""
-    if own and seen.as_measured:
+    if own and seen.as_measured and not alone:
         advice = f"{CHECK_TABLE}; {CHECK_SENSORS}"
         return Cause(f"the table, or the sensors of {_list(own)}, or the specimen", advice, of_table=True)
     if len(wrong) > 1:

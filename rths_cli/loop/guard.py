@@ -24,6 +24,7 @@ RATE, ENERGY, LOST, OVERRUN, RIG_FAULT, OPERATOR, INTERRUPT, TERMINATION, LOG_FA
     10, 21
 )
 MEASURED_STROKE, LEVEL, DISAGREES = range(21, 24)
+PLANNED_REACH, DEVIATION = range(24, 26)
 REASONS = (
     "",
     "displacement (estimated from the command, with room to brake) beyond the stroke limit",
@@ -49,6 +50,8 @@ REASONS = (
     "measured displacement (with room to brake) beyond the stroke limit",
     "a channel is beyond its abort level",
     "a channel does not show what command and accelerations demand",
+    "displacement (estimated from the command, with room to brake) beyond what this test needs",
+    "displacement (estimated from the command) too far from the desired one",
 )
 RETURN_RATE = 7.5  # rad/s, less if a limit is tight: the table is back at zero within 2 s
 AT_REST_M = 1e-6  # less than half a bit of a 16-bit command
@@ -101,6 +104,8 @@ class GuardLimits(NamedTuple):
     energy_ratio: float = math.inf  # energy that the table's errors may add, over that exchanged at the interface
     energy_floor_j: float = 0.0  # added to the exchanged energy, because noise at rest exchanges almost none
     further: FurtherLimits = NO_FURTHER
+    reach_m: float = math.inf  # displacement, with the room to brake, that the run at hand needs at most
+    deviation_m: float = math.inf  # between displacement and desired displacement, in the run at hand
 
 
 def without_zeros(limits: GuardLimits, zeros_v: Array) -> GuardLimits:
@@ -116,6 +121,16 @@ def without_zeros(limits: GuardLimits, zeros_v: Array) -> GuardLimits:
 def stopping_at_stuck(limits: GuardLimits) -> GuardLimits:
     """Return the limits by which every channel that keeps its code for 0.5 s is stuck, whatever it should show."""
     return limits._replace(stuck=np.full_like(limits.stuck, -1.0))
+
+
+def without_limits(limits: GuardLimits) -> GuardLimits:
+    """Return limits that stop a simulated test only where it is no number."""
+    never = np.full(limits.stuck.shape, np.inf)
+    return limits._replace(
+        stroke_m=np.inf, velocity_m_s=np.inf, acceleration_m_s2=1e30, force_n=np.inf, command_v=np.inf,
+        tracking_error=np.inf, saturation_v=never, stuck=never, abort=never, command_rate_v_s=np.inf,
+        energy_ratio=np.inf, reach_m=np.inf, deviation_m=np.inf,
+    )  # fmt: skip
 
 
 class GuardState(NamedTuple):
@@ -317,8 +332,8 @@ def farthest(lim: GuardLimits) -> float:
 
 
 @part
-def check_command(lim: GuardLimits, g: GuardState, a: int, command: float) -> int:
-    """Check a command in V; return the reason to stop, or NONE.
+def check_command(lim: GuardLimits, g: GuardState, a: int, command: float, desired_m: float) -> int:
+    """Check a command in V that is to make a desired displacement; return the reason to stop, or NONE.
 
     The displacement includes the room that is needed to brake.
     """
@@ -332,9 +347,13 @@ def check_command(lim: GuardLimits, g: GuardState, a: int, command: float) -> in
         return beyond(g, abs(velocity), VELOCITY)
     if abs(velocity) > lim.gain_m_per_v * lim.command_rate_v_s:
         return beyond(g, abs(velocity) / lim.gain_m_per_v, RATE)
-    braked = place + braking_distance(lim, velocity)
-    if max(abs(place), abs(braked)) > farthest(lim):
-        return beyond(g, max(abs(place), abs(braked)), STROKE)
+    reached = max(abs(place), abs(place + braking_distance(lim, velocity)))
+    if reached > farthest(lim):
+        return beyond(g, reached, STROKE)
+    if reached > lim.reach_m:
+        return beyond(g, reached, PLANNED_REACH)
+    if abs(place - desired_m) > lim.deviation_m:
+        return beyond(g, abs(place - desired_m), DEVIATION)
     return NONE
 
 
@@ -453,7 +472,8 @@ def guard(
         reason = check_samples(lim, g, samples, accel, expected) if came else NONE
         for a in range(len(g.actuators)):
             if reason == NONE:
-                reason = check_command(lim, g, a, command[a])
+                desired_m = motion[2, a] if a < len(g.axes) else 0.0
+                reason = check_command(lim, g, a, command[a], desired_m)
         if reason == NONE:
             reason = check_errors(lim, g, error)
         if reason == NONE:

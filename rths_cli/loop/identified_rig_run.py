@@ -1,5 +1,6 @@
-"""Play a hybrid test on the identified model of a rig instead of the rig: the compiled step, the guard and the block of
-analysis/identified_rig_block.py. The check simulates buildings with laws by it; nothing moves."""
+"""Play a table run on the identified model of a rig instead of the rig: the compiled step, the guard and the block of
+analysis/identified_rig_block.py. The check simulates buildings with laws by it, and what a run needs of the table;
+nothing moves."""
 
 from __future__ import annotations
 
@@ -92,7 +93,13 @@ def run_identified(
 
 
 def play_identified(
-    plant: Block, info: RigInfo, blocks: Blocks, drive: Array, limits: GuardLimits, disturbed: Disturbed
+    plant: Block,
+    info: RigInfo,
+    blocks: Blocks,
+    drive: Array,
+    limits: GuardLimits,
+    disturbed: Disturbed,
+    source: int = NUMERICAL,
 ) -> Outcome:
     """Play `drive` (n, 3) on a rig's sampled model from rest, without noise other than that of `disturbed`.
 
@@ -102,7 +109,7 @@ def play_identified(
     check_commands(info, blocks)
     blocks = replace(blocks, further=None, cell=None)  # the model has the accelerometers alone
     limits = limits._replace(further=NO_FURTHER)
-    state = assemble(blocks, NUMERICAL)
+    state = assemble(blocks, source)
     sizes = sizes_of(state)
     guard_state = fresh_guard(sizes.channels, sizes.actuators, sizes.axes)
     log = empty_log(len(drive), sizes, truths=sizes.channels)
@@ -111,7 +118,7 @@ def play_identified(
     blocks.raise_interruption()
     named = signals(log, sizes)
     cause = cause_of(info, blocks, limits, guard_state, named)
-    told = reason_of(info, limits, guard_state, NUMERICAL, cause, blocks.fault())
+    told = reason_of(info, limits, guard_state, source, cause, blocks.fault())
     played = bool(guard_state.flags[3] >= len(drive))
     stopped_at_s = float(guard_state.flags[3] * info.dt_s)
     return Outcome(named, steps, told, "", stopped_at_s, int(guard_state.flags[1]), None, played, logs=blocks.logs)

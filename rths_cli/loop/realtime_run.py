@@ -15,7 +15,7 @@ import numpy as np
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.errors import RigError, crash_note
-from rths_cli.loop.diagnosis import cause_of
+from rths_cli.loop.diagnosis import Foreseen, cause_of
 from rths_cli.loop.fallback_commands import foresight_of, no_foresight
 from rths_cli.loop.guard import (
     BRAKING,
@@ -75,6 +75,7 @@ class Performance:
     drive: Array
     log: Log
     truth: dict[str, Array] = field(default_factory=dict)  # true signals (., n), of a rig that tells them
+    foreseen: Foreseen = field(default_factory=dict)  # as in `cause_of`
 
 
 def prepare(
@@ -362,7 +363,7 @@ def _outcome(run: Performance, fault: str) -> Outcome:
     stopped_at_s = float((run.guard.flags[3] - ramp) * dt_s)
     reason, order_given = int(run.guard.flags[1]), int(run.course.orders[0])
     record = slice(ramp, ramp + record_steps)
-    cause = cause_of(run.info, run.blocks, run.limits, run.guard, everything)
+    cause = cause_of(run.info, run.blocks, run.limits, run.guard, everything, run.foreseen)
     told = reason_of(run.info, run.limits, run.guard, run.step.source, cause, run.blocks.fault())
     if reason == END and order_given:
         reason = OPERATOR + order_given - 1

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.part_designs import Logged
 from rths_cli.errors import InputError, RigError
-from rths_cli.loop.diagnosis import cause_of
+from rths_cli.loop.diagnosis import NOTHING_FORESEEN, Foreseen, cause_of
 from rths_cli.loop.guard import (
     END,
     NONE,
@@ -114,11 +114,12 @@ def play(
     limits: GuardLimits,
     log: Log | None = None,
     still: Stillness | None = None,
+    foreseen: Foreseen = NOTHING_FORESEEN,
 ) -> Outcome:
     """Play `drive` (n, 3) on the rig: open, arm, exchange in every step, rest, close.
 
     `log`: log of an earlier run of the same sizes, which is overwritten; after a stopped run its later steps keep their
-    old values. `still`: samples at rest around the record (None: none).
+    old values. `still`: samples at rest around the record (None: none). `foreseen`: as in `cause_of`.
     """
     state, compiled = assemble(blocks, source), simulated(rig)
     sizes = sizes_of(state)
@@ -144,7 +145,7 @@ def play(
     named = signals(log, sizes)
     reason = int(guard_state.flags[1])
     stopped_at_s = float(guard_state.flags[3] * info.dt_s)
-    cause = cause_of(info, blocks, limits, guard_state, named)
+    cause = cause_of(info, blocks, limits, guard_state, named, foreseen)
     told = reason_of(info, limits, guard_state, source, cause, blocks.fault())
     record, record_steps = slice(0, len(drive)), min(steps, len(drive))
     seen = _whole(part_of(named, slice(0, steps)), course, still, info.dt_s) if still.before else None

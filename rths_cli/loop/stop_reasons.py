@@ -10,6 +10,7 @@ from rths_cli.loop.guard import GuardLimits, GuardState
 from rths_cli.loop.step_arrays import EXCITATION
 from rths_cli.rigs.description import RigInfo
 
+PLANNED = "the limit by the planned motion"
 KEYS = {
     g.STROKE: ("limits.stroke_m", "m"),
     g.VELOCITY: ("limits.velocity_m_s", "m/s"),
@@ -26,9 +27,12 @@ KEYS = {
     g.MEASURED_STROKE: ("limits.stroke_m", "m"),
     g.LEVEL: ("its abort", ""),
     g.DISAGREES: ("tolerated RMS difference", ""),
+    g.PLANNED_REACH: (PLANNED, "m"),
+    g.DEVIATION: (PLANNED, "m"),
 }
 BY_MOTION = (g.STROKE, g.MEASURED_STROKE, g.LEVEL, g.VELOCITY, g.ACCELERATION, g.FORCE, g.COMMAND, g.RATE)
 SENSOR = "check its cable and power"
+AS_PLANNED = "rths check tells the motion that the test needs; lower scaling, or identify the rig anew"
 TABLE = "identify the rig anew; rths check tells which error of the table the test bears"
 ADVICE = {
     g.TRACKING: TABLE,
@@ -39,6 +43,8 @@ ADVICE = {
     g.LOST: "check target (one on this computer stalls with it) and cable, lower sample_rate_hz, or raise "
     "limits.lost_samples of the rig",
     g.OVERRUN: HOST,
+    g.PLANNED_REACH: AS_PLANNED,
+    g.DEVIATION: AS_PLANNED,
 }
 
 
@@ -86,7 +92,9 @@ def _limit(info: RigInfo, limits: GuardLimits, state: GuardState, reason: int, c
     if reason == g.STROKE and limit < limits.stroke_m:
         key = "converters.range_v by nominal.gain_m_per_v"
     if reason == g.ACCELERATION and limit < limits.acceleration_m_s2:
-        key = "its abort_m_s2"
+        key = "its abort_m_s2" if limit == info.channels[channel].abort else PLANNED
+    if reason == g.TRACKING and limit < info.limits.tracking_error_m_s2:
+        key = PLANNED
     return f"{key} is {limit:.4g}"
 
 
@@ -112,6 +120,8 @@ def _number(info: RigInfo, limits: GuardLimits, state: GuardState, reason: int, 
         g.RATE: limits.command_rate_v_s,
         g.TRACKING: limits.tracking_error,
         g.ENERGY: limits.energy_ratio,
+        g.PLANNED_REACH: limits.reach_m,
+        g.DEVIATION: limits.deviation_m,
     }
     return alone[reason]
 

@@ -74,6 +74,12 @@ OF_FILE = (
     ),
     AttributeDeclaration("record_name", "text", "name of the record's file"),
     AttributeDeclaration("record_sha256", "text", "SHA-256 of the record's file"),
+    AttributeDeclaration(
+        "record_baseline",
+        "text",
+        "what was removed from the record: mean, linear or none",
+        present="only where the case states record.baseline",
+    ),
     AttributeDeclaration("rig", "text", "name of the rig"),
     AttributeDeclaration("rig_kind", "text", "virtual, udp, ni, or the kind of a package"),
     AttributeDeclaration(
@@ -96,9 +102,12 @@ OF_FILE = (
     AttributeDeclaration(
         "main_error_cause", "text", "the cause with half of the error's square, empty without one", present=SINCE_0_2
     ),
+    AttributeDeclaration(
+        "no_true_error_bound", "text", "why a complete EXP-RTHS has no bound of its true error", present=SINCE_0_2
+    ),
     AttributeDeclaration("overrides", "text", "what was overridden: check, model"),
     AttributeDeclaration(
-        "units_in_doubt", "text", "key whose value speaks for another unit, empty if none does", present=SINCE_0_2
+        "units_in_doubt", "text", "keys whose values speak for another unit, empty if none does", present=SINCE_0_2
     ),
     AttributeDeclaration(
         "own_parts", "text", "places of the step whose parts the caller of the Python interface made", present=SINCE_0_2

@@ -65,6 +65,12 @@ REACH = {
     "force_n": ("N", "actuator force"),
     "command_v": ("V", "command"),
 }
+GUARDED = {
+    "displacement_m": ("m", "displacement by the command, with room to brake"),
+    "deviation_m": ("m", "distance of this displacement from the desired one"),
+    "tracking_m_s2": (ACCEL, "tracking error"),
+    "acceleration_m_s2": (ACCEL, "measured table acceleration"),
+}
 SENSORS = {
     "sensor_offset_v": ("V", "offset of each channel in the middle of the run, beside its zero at rest before it"),
     "sensor_offset_uncertainty_v": ("V", "standard uncertainty of the offset of each channel"),
@@ -219,6 +225,7 @@ def _against_sim() -> Iterator[Quantity]:
             name = "nrmse" if which == "rms" else "peak_error"
             yield Quantity(f"{run}.{name}_percent", "%", "storey", better, of_sim, kinds, BAND)
     yield from _against_truth()
+    yield from _after_run()
     floors = {4: "the interface storey", 6: "the lowest other storey", 7: "the second lowest other storey"}
     for number, storey in floors.items():
         deviation = f"J{number}: standard deviation of SIM - EXP-RTHS over SIM, absolute acceleration of {storey}"
@@ -255,10 +262,44 @@ def _against_truth() -> Iterator[Quantity]:
         yield Quantity(path, "%", "storey", better, f"{what} {about}, in percent of RMS of that SIM", (), BAND)
     ratio = "error of EXP-RTHS over that of SIM-DELAY, RMS, both against the true reference (simulated rig only)"
     yield Quantity("exp_rths.true_reference_ratio", "1", "storey", LESS, ratio, (), BAND)
-    rank = "probability of a smaller error than the true one, by the check's distribution (simulated rig only)"
+    rank = "probability of a smaller error than the true one, by its distribution after the run (simulated rig only)"
     yield Quantity("exp_rths.true_error_rank", "1", "storey", NONE, rank, (), BAND)
     beyond = "measured RMS error of each storey over the one that the check expected"
     yield Quantity("exp_rths.error_over_expected", "1", "storey", NONE, beyond, (), BAND)
+
+
+def _after_run() -> Iterator[Quantity]:
+    """Yield what a run's own records tell of its true error and of its specimen."""
+    reference = "SIM of the declared computed storeys below the specimen as identified, or as found in the run"
+    path = "exp_rths.identified_reference_rms_error_m_s2"
+    yield Quantity(path, ACCEL, "storey", LESS, f"measured RMS error against {reference}", (), BAND, scales_as=ACCEL)
+    path, about = "exp_rths.identified_reference_nrmse_percent", f"the same in percent of the RMS of {reference}"
+    yield Quantity(path, "%", "storey", LESS, about, (), BAND)
+    about = "RMS error of the loop as measured, by computed storeys beside measured table and floors"
+    yield Quantity("exp_rths.measured_loop_rms_error_m_s2", ACCEL, "storey", LESS, about, (), BAND, scales_as=ACCEL)
+    for name, text in (("median", "is as likely exceeded as not"), ("bound", "is not exceeded with 95 %")):
+        about = f"true RMS error that {text}, by what the run measured and what sensors cannot show"
+        yield Quantity(f"exp_rths.true_error_{name}_m_s2", ACCEL, "storey", LESS, about, (), BAND, scales_as=ACCEL)
+        about = f"{about}, in percent of the RMS of {reference}"
+        yield Quantity(f"exp_rths.true_error_{name}_percent", "%", "storey", LESS, about, (), BAND)
+    unsure = "its standard uncertainty"
+    for name, over, text in (
+        ("stiffness_over_declared", "storey", "identified stiffness over the declared one"),
+        ("mass_over_declared", "storey", "identified mass of the floor over the declared one"),
+        ("damping_over_declared", "mode", "identified damping ratio of the specimen over the declared one"),
+        ("stiffness_change", "storey", "stiffness in the run over the identified one, less 1"),
+    ):
+        partial = over == "storey"
+        yield Quantity(f"exp_rths.{name}", "1", over, NONE, f"{text}, of the specimen", partial=partial)
+        yield Quantity(f"exp_rths.{name}_error", "1", over, NONE, f"{unsure}: {text}, of the specimen", partial=partial)
+    changed = "whether the specimen has changed since the identification (1) or not (0), by more than its uncertainty"
+    yield Quantity("exp_rths.specimen_changed", "1", "", NONE, changed)
+    left = "part of the floors' motion in the run that a chain of storeys on the measured table does not explain"
+    yield Quantity("exp_rths.specimen_unexplained", "1", "", NONE, left)
+    share = "base shear of the physical part over the inertia force of the computed interface floor, RMS"
+    yield Quantity("exp_rths.specimen_share", "1", "", NONE, share, (), BAND)
+    without = "largest change of a computed storey without the physical part, RMS in percent of SIM"
+    yield Quantity("exp_rths.without_specimen_percent", "%", "", NONE, without, (), BAND)
 
 
 def _of_check() -> Iterator[Quantity]:
@@ -296,6 +337,21 @@ def _of_check() -> Iterator[Quantity]:
     for leaf, (units, name) in REACH.items():
         yield Quantity(f"check.peak_{leaf}", units, "", NONE, f"{name}: predicted peak")
         yield Quantity(f"check.limit_{leaf}", units, "", NONE, f"{name}: limit")
+    for run, label in (("shake_table", "shake-table test"), ("exp_rths", "EXP-RTHS")):
+        for leaf, (units, name) in GUARDED.items():
+            yield Quantity(f"check.{run}_planned_{leaf}", units, "", NONE, f"{label}: largest {name} that it needs")
+            yield Quantity(
+                f"check.{run}_guard_{leaf}", units, "", NONE, f"{label}: {name} from which its guard stops it"
+            )
+    for name, units, text in (
+        ("spectral_radius", "1", "largest |eigenvalue| of the loop of table and controller"),
+        ("tolerated_table_error", "1", "error of the table's response that makes that loop unstable"),
+        ("required_table_error", "1", "relative error of the table's response that it must stand there"),
+        ("table_error_hz", "Hz", "where the two are nearest to each other"),
+        ("delay_margin_s", "s", "smallest further delay that makes that loop unstable"),
+        *((f"peak_{leaf}", units, f"{name}: predicted peak") for leaf, (units, name) in REACH.items()),
+    ):
+        yield Quantity(f"check.shake_table_{name}", units, "", NONE, f"shake-table test: {text}")
     late = "RMS of SIM - SIM-DELAY of the building as identified"
     yield Quantity("check.sim_delay_rms_error_m_s2", ACCEL, "storey", NONE, late, (), BAND, scales_as=ACCEL)
     for name, text in (

@@ -148,6 +148,7 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("lag_s", "s", (), "phase lag of command to displacement at low frequency as a time, delay included"),
             ("reasons", "1", ("reasons_entry",), "why the model may not drive the table"),
             ("warnings", "1", ("warnings_entry",), "what else to know"),
+            ("known_hz", "Hz", (), "above, the model says nothing; infinite: the data determine all its roots"),
         ),
         "compared": (
             ("low_hz", "Hz", (), "its lower end"),

@@ -12,7 +12,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.analysis.grade import GOOD, Grade, GradeLimits, grade_of
+from rths_cli.analysis.grade import (
+    CALIBRATION,
+    GOOD,
+    LEAST_SHARE,
+    Deviation,
+    Grade,
+    GradeLimits,
+    changes_of,
+    compensation_of,
+    deviations_of,
+    grade_of,
+    physical_part_of,
+)
 from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.files.stored_case import stored_case
 from rths_cli.numerics.bands import TEST_BAND_HZ
@@ -29,10 +41,11 @@ MOST_LINES, MOST_LINES_OF_SEVERAL = 25, 40  # of an answer, before its notes are
 LEAST_LINES_OF_NOTES = 4
 MOST_NAMES = 3  # of cases before a note
 OFF_PEAK = 0.10  # of SIM's: a peak of EXP-RTHS that is farther off is told
-DECLARED_WRONG = 0.5  # share of the error below which one against the true specimen is told beside it
+MOST_DEVIATIONS = 4  # of the specimen from what it is compared with, before the others are counted
 NAMES = {"exp_rths": "EXP-RTHS", "sim": "SIM"}  # whose response is shown: the first that there is
 RESPONSES = tuple(NAMES)
 USUAL = asdict(GradeLimits())
+OF_DECLARATION = "specimen other than declared"  # begins the cause by which the declaration is off
 IF_DECLARED = "if sensors and masses are as declared"
 
 
@@ -181,12 +194,9 @@ def one_line(result: Result) -> str:
     name, found = result.path.stem, grade(result)
     if found is None or result.attributes.get("status_reason"):
         return f"{name}: {verdict(result).removesuffix('.')}; {result.path}"
-    ratio = "" if found.ratio is None else f" and {three(found.ratio)} of SIM-DELAY's"
     where = " on a virtual rig" if _virtual(result) else ""
     reserved = "".join(f", {one}" for one in reservations(result))
-    return (
-        f"{name}: {found.grade}{reserved}{where}, worst RMS error {three(found.percent)} % of SIM{ratio}; {result.path}"
-    )
+    return f"{name}: {found.grade}{reserved}{where}, {_bound(found)}; {result.path}"
 
 
 def _comparison(results: Sequence[Result], width: int, whole: bool) -> Iterator[str]:
@@ -196,8 +206,8 @@ def _comparison(results: Sequence[Result], width: int, whole: bool) -> Iterator[
     peaks = f"peaks in {' or '.join(NAMES[run] for run in runs)}"
     columns = [
         Column("", "grade", "", [_end(one, found) for one, found in zip(results, grades, strict=True)]),
-        Column(WORST, "% of SIM", "", [three(found.percent) if found else "-" for found in grades]),
-        Column(WORST, "over that of", "SIM-DELAY", [_over_sim_delay(found) for found in grades]),
+        Column(TRUE, "95 % bound", "% of SIM", [three(found.percent) if found else "-" for found in grades]),
+        Column(TRUE, "median over", "SIM-DELAY", [_over_sim_delay(one) for one in results]),
         Column(peaks, "roof accel", "m/s^2", [_of_roof(one) for one in results]),
         Column(peaks, "base shear", "N", [_of_base(one) for one in results]),
     ]
@@ -228,7 +238,7 @@ def _said_of_all(results: Sequence[Result], grades: Sequence[Grade | None]) -> s
     some = f" ({', '.join(virtual)}: virtual)" if virtual else ""
     on = " on virtual rigs" if virtual and len(virtual) == len(graded) else some
     said = f" {next(iter(limits))}" if len(limits) == 1 else ""
-    return f"Grades of tests{on} hold {IF_DECLARED}.{said}"
+    return f"Grades of tests{on} follow from the 95 % bound of the true error.{said}"
 
 
 def _next_of(results: Sequence[Result]) -> str:
@@ -252,8 +262,9 @@ def _end(result: Result, found: Grade | None) -> str:
     return "-" if status == COMPLETE else status
 
 
-def _over_sim_delay(found: Grade | None) -> str:
-    return "-" if found is None or found.ratio is None else three(found.ratio)
+def _over_sim_delay(result: Result) -> str:
+    found = compensation_of(result.metrics) if grade(result) else None
+    return "-" if found is None else three(found.ratio)
 
 
 def _of_roof(result: Result) -> str:
@@ -297,16 +308,13 @@ def verdict(result: Result) -> str:
         return _without_grade(result, status)
     band = float(result.attributes.get("test_band_hz", TEST_BAND_HZ))
     up_to = "" if band == TEST_BAND_HZ else f" up to {band:g} Hz"
-    rig = "on a virtual rig the" if _virtual(result) else "the"
-    said = f"{found.grade.upper()}: {rig} worst RMS error{up_to} is {three(found.percent)} % of SIM "
-    said += f"(storey {found.storey})"
-    if found.ratio is not None:
-        said += f" and {three(found.ratio)} of SIM-DELAY's (storey {found.ratio_storey})"
-    cause = str(result.attributes.get("main_error_cause", CAUSES.get(found.cause, found.cause)))
+    rig = "on a virtual rig " if _virtual(result) else ""
+    said = f"{found.grade.upper()}: {rig}{_bound(found, up_to)} (storey {found.storey})"
+    cause = _cause_in_words(result, found)
     said += f", most of it by {cause}" if found.grade != GOOD and cause else ""
-    said += true_error.said if (true_error := _true_error(result)) else f", {IF_DECLARED}"
-    if true := _as_it_is(result, found.percent):
-        said += f"; {true}"
+    if "exp_rths.mass_over_declared" not in result.metrics:
+        said += f", {IF_DECLARED}"
+    said += _beyond_bound(result)
     if diverged := _diverged(result):
         said += f"; {diverged}"
     reason = str(result.attributes.get("status_reason") or "")
@@ -316,7 +324,94 @@ def verdict(result: Result) -> str:
         said = f"{'NOT ACCEPTED' if not_accepted(result) else 'BUT'}: {reason}. {said}"
     if first := reservations(result):
         said = f"{'; '.join(first).upper()}. {'. '.join(_reserved(result))}. Its accuracy alone: {said}"
-    return f"{said}. {_limits(result, found.ratio is not None)}"
+    return " ".join([f"{said}. {_limits(result)}", *findings(result)])
+
+
+def _cause_in_words(result: Result, found: Grade) -> str:
+    """Return the main cause of a true error, as the run named it where it is the budget's and known more closely."""
+    if found.cause == CALIBRATION:
+        return "what the identification leaves open of sensors and masses"
+    named = str(result.attributes.get("main_error_cause", ""))
+    return named if found.cause and named and not named.startswith(OF_DECLARATION) else CAUSES.get(found.cause, "")
+
+
+def _bound(found: Grade, up_to: str = "") -> str:
+    bound, median = three(found.percent), three(found.median)
+    return f"true error{up_to} below {bound} % of SIM with 95 %, as likely as not below {median} %"
+
+
+def findings(result: Result) -> list[str]:
+    """Return a sentence on each finding beside the grade: what changed, what the specimen is beside its declaration,
+    whether the test was safe, and whether compensation and specimen are worth it, with figures and limits."""
+    return [*_changed(result), *_beside_declaration(result), *_safe(result), *_worth(result)]
+
+
+def _safe(result: Result) -> Iterator[str]:
+    stands, must = (result.metrics.get(f"check.{name}_table_error") for name in ("tolerated", "required"))
+    if result.attributes.get("check_verdict") == "safe" and stands is not None and must is not None:
+        figures = (three(100.0 * float(np.asarray(one))) for one in (stands, must))
+        yield "Safe: the loop tolerates {} % table error, {} % required.".format(*figures)
+
+
+def _changed(result: Result) -> Iterator[str]:
+    if found := changes_of(result.metrics):
+        yield (
+            f"THE SPECIMEN CHANGED since its identification: {_listed(found)}; SIM is that of the specimen in the run; "
+            "look at it and identify again."
+        )
+
+
+def _beside_declaration(result: Result) -> Iterator[str]:
+    """Yield the sentence on what the specimen differs from its declaration by, and what that makes of the error."""
+    found = deviations_of(result.metrics)
+    if not found:
+        return
+    declared = np.atleast_1d(np.asarray(result.metrics.get("exp_rths.nrmse_percent", np.nan), dtype=float))
+    makes = ""
+    if np.isfinite(declared).all():
+        makes = f" (against SIM as declared the test is {three(declared.max())} % off)"
+    yield f"The specimen is not the declared one: {_listed(found)}; declare it so{makes}."
+
+
+def _listed(found: Sequence[Deviation]) -> str:
+    """Return deviations in words, the largest over its uncertainty first."""
+    ranked = sorted(found, key=lambda one: -abs(one.percent / one.error))
+    told = [f"{one.what} {one.place} {_plus_minus(one)} %" for one in ranked[:MOST_DEVIATIONS]]
+    more = len(ranked) - MOST_DEVIATIONS
+    return ", ".join(told) + (f" and {more} more" if more > 0 else "")
+
+
+def _plus_minus(one: Deviation) -> str:
+    """Return a deviation with two significant digits of its uncertainty."""
+    digits = max(1 - int(np.floor(np.log10(one.error))), 0)
+    return f"{one.percent:+.{digits}f} +- {one.error:.{digits}f}"
+
+
+def _worth(result: Result) -> Iterator[str]:
+    limits, compensation, part = (
+        grade_limits(result), compensation_of(result.metrics), physical_part_of(result.metrics)
+    )  # fmt: skip
+    well = []
+    if compensation is not None:
+        ratio, limit = three(compensation.ratio), compensation.limit(limits)
+        if compensation.ratio > limit:
+            worse = ", worse than no compensation" if compensation.ratio > 1.0 else ""
+            where = f"limit {limit:g}, storey {compensation.storey}"
+            yield f"The compensation is hardly worth it: true error {ratio} of SIM-DELAY's{worse} ({where})."
+        else:
+            well.append(f"true error {ratio} of SIM-DELAY's (limit {limit:g})")
+    if part is not None:
+        share = (
+            f"its base shear is {three(part.share)} of the interface floor's inertia force (at least {LEAST_SHARE:g})"
+        )
+        if part.matters(limits):
+            well.append(share.replace("its", "the specimen's").replace(" is ", " "))
+        else:
+            change = f"without it computed storeys move within {three(part.without_percent)} % of SIM"
+            known = f", {change} (at least {limits.good_percent:g} %)" if np.isfinite(part.without_percent) else ""
+            yield f"The specimen hardly matters: {share}{known}; the test says little about it."
+    if well:
+        yield f"Worth it: {', '.join(well)}."
 
 
 def reservations(result: Result) -> tuple[str, ...]:
@@ -339,76 +434,26 @@ def _overridden(result: Result) -> str:
     return "" if checked == "safe" else checked
 
 
-class TrueErrorSaid(NamedTuple):
-    """Words on the distribution of the true error, and the storey that they name."""
-
-    said: str
-    storey: int
-
-
-def _true_error(result: Result) -> TrueErrorSaid | None:
-    """Return words on the distribution of the true error that the check stated, None where it stated none."""
-    median, bound, error, percent = (
-        np.atleast_1d(np.asarray(result.metrics.get(name, ()), dtype=float))
-        for name in (
-            "check.true_error_m_s2",
-            "check.true_error_bound_m_s2",
-            "exp_rths.rms_error_m_s2",
-            "exp_rths.nrmse_percent",
-        )
-    )
-    if not (median.size and error.size and np.all(error > 0.0)):
-        return None
-    shares = percent / error
-    worst = int(np.argmax(bound * shares))
-    said = (
-        "; with sensors and masses as uncertain as stated, the true error is as likely as not below "
-        f"{three(median[worst] * shares[worst])} %, with 95 % below {three(bound[worst] * shares[worst])} % "
-        f"(storey {worst + 1})"
-    )
-    return TrueErrorSaid(said, worst + 1)
-
-
-def _as_it_is(result: Result, percent: float) -> str:
-    """Return words on the errors against the specimen as it is, "" where these explain less than half of `percent` and
-    are within the bound that was stated of them."""
-    errors, ratios = (
-        np.atleast_1d(np.asarray(result.metrics.get(f"exp_rths.true_reference_{name}", ()), dtype=float))
-        for name in ("nrmse_percent", "ratio")
-    )
-    if not errors.size or not np.isfinite(errors).all():
-        return ""
-    beyond = _beyond_bound(result)
-    if errors.max() > DECLARED_WRONG * percent and not beyond:
-        return ""
-    of_delay = f" and {three(ratios.max())} of SIM-DELAY's" if ratios.size and np.isfinite(ratios).all() else ""
-    return (
-        f"against SIM of the specimen as it is, which differs from the declared one, {three(errors.max())} %{of_delay}"
-        f"{beyond}"
-    )
-
-
 def _beyond_bound(result: Result) -> str:
-    """Return words on true errors beyond the bound that the check stated, "" where there are none."""
+    """Return words on true errors beyond the stated bound, which a simulated rig knows, "" where there are none."""
     true, bound = (
         np.atleast_1d(np.asarray(result.metrics.get(name, ()), dtype=float))
-        for name in ("exp_rths.true_reference_rms_error_m_s2", "check.true_error_bound_m_s2")
+        for name in ("exp_rths.true_reference_rms_error_m_s2", "exp_rths.true_error_bound_m_s2")
     )
     if not true.size or true.shape != bound.shape or not np.any(true > bound):
         return ""
     worst = int(np.argmax(true / bound))
-    return f", {three(true[worst] / bound[worst])} times the stated bound of storey {worst + 1}"
+    return f"; the simulated truth is {three(true[worst] / bound[worst])} times the stated bound of storey {worst + 1}"
 
 
 def _virtual(result: Result) -> bool:
     return result.attributes.get("rig_kind") == "virtual"
 
 
-def _limits(result: Result, with_ratio: bool = True) -> str:
+def _limits(result: Result) -> str:
     """Return the sentence on the limits of the grades."""
     limits = grade_limits(result)
-    ratio = f" and {limits.good_ratio:g}" if with_ratio else ""
-    return f"Limits: good {limits.good_percent:g} %{ratio}, usable {limits.usable_percent:g} %."
+    return f"Limits: good {limits.good_percent:g} %, usable {limits.usable_percent:g} %."
 
 
 def not_accepted(result: Result) -> bool:
@@ -427,9 +472,12 @@ def _without_grade(result: Result, status: str) -> str:
     end = _ended(result, "exp_rths")
     if end == COMPLETE and not _has_reference(result):
         return "NOT GRADED: the caller's own numerical substructure declares no building, so SIM is not its reference."
+    if end == COMPLETE and (why := result.attributes.get("no_true_error_bound")):
+        more = f" The run {status}: {result.attributes.get('status_reason')}." if status != COMPLETE else ""
+        return " ".join([f"NOT GRADED: no bound of the true error is stated, {why}.{more}", *findings(result)])
     if end == COMPLETE and status == COMPLETE:
         version = result.attributes.get("rths_version") or "an unknown version"
-        return f"NOT GRADED: the file, written by rths {version}, states no errors in percent of SIM."
+        return f"NOT GRADED: the file, written by rths {version}, states no bound of the true error after the run."
     names = ("exp_rths_status_reason", "status_reason")
     reason = next((str(text) for name in names if (text := result.attributes.get(name))), "no reason stored")
     if end is not None or status != COMPLETE:
@@ -473,7 +521,7 @@ class Column(NamedTuple):
     cells: list[str]
 
 
-WORST = "worst RMS error"
+TRUE = "true error"
 PEAK, ERROR = "peaks in {}", "RMS error of acceleration"
 
 
@@ -551,10 +599,8 @@ def _named_storeys(result: Result) -> Iterator[int]:
     if (found := grade(result)) is None:
         return
     yield found.storey - 1
-    if found.ratio_storey is not None:
-        yield found.ratio_storey - 1
-    if (true_error := _true_error(result)) is not None:
-        yield true_error.storey - 1
+    if (compensation := compensation_of(result.metrics)) is not None:
+        yield compensation.storey - 1
 
 
 def _labels(result: Result, storeys: Sequence[int]) -> list[str]:

@@ -22,12 +22,14 @@ def _case(one: Checked) -> dict[str, Any]:
     return {
         **about,
         "verdict": one.verdict,
+        "doubted": list(one.doubted),
         "reasons": list(one.reasons),
         "warnings": list(one.warnings),
         "metrics": {path: json_value(value) for path, value in one.metrics.items()},
         "units": {path: METRICS[path].units for path in one.metrics},
         "definitions": {path: METRICS[path].definition for path in one.metrics},
         **({"tangents": list(one.tangents)} if one.tangents else {}),
+        **({"guard": list(one.of_guard)} if one.of_guard else {}),
         **({"intervals": intervals_json(intervals)} if (intervals := intervals_of(one.metrics)) else {}),
     }
 

@@ -34,6 +34,13 @@ REACH = (
     ("actuator force, N", "force_n", 1.0),
     ("command, V", "command_v", 1.0),
 )
+RUNS = (("shake_table", "shake-table test"), ("exp_rths", "EXP-RTHS"))
+GUARDED = (
+    ("displacement, mm", "displacement_m", 1e3),
+    ("off the desired one, mm", "deviation_m", 1e3),
+    ("tracking error, m/s^2", "tracking_m_s2", 1.0),
+    ("table acceleration, m/s^2", "acceleration_m_s2", 1.0),
+)
 OVER_SAMPLES = (
     ("critical delay, ms", "check.critical_delay_s", 1e3),
     ("tolerated table error, %", "check.tolerated_table_error", 100.0),
@@ -91,6 +98,7 @@ def page(checked: Checked) -> str:
         ]
         sections += [wrapped(_reach(values)), wrapped(_simulated(values))]
         sections += [budget_text(values), wrapped(_compared(values, checked.about))]
+    sections.append(wrapped(_guard(values, checked.of_guard)))
     if intervals := intervals_of(checked.metrics):
         sections.append(wrapped(_over_samples(intervals)))
     sections.append(wrapped(_verdict(checked)))
@@ -106,7 +114,13 @@ def _why(one: Checked) -> str:
     if one.reasons:
         return "; ".join(one.reasons)
     largest = one.metrics.get("check.largest_scaling")
-    return f"up to scaling {float(np.asarray(largest)):g}" if largest is not None else ""
+    up_to = f"up to scaling {float(np.asarray(largest)):g}" if largest is not None else ""
+    return "; ".join(filter(None, (_if_right(one), up_to)))
+
+
+def _if_right(one: Checked) -> str:
+    """Return the numbers that a verdict takes for right although they are doubted, "" where none is."""
+    return f"if {', '.join(one.doubted)} {'are' if len(one.doubted) > 1 else 'is'} right" if one.doubted else ""
 
 
 def _counters(values: Values) -> str:
@@ -276,6 +290,20 @@ def _reach(values: Values) -> list[str]:
     ]
 
 
+def _guard(values: Values, said: Sequence[str]) -> list[str]:
+    """Return the lines on the guard's limits in each run, and the sentences on them; none where no run is planned."""
+    rows = [["", "needs", "limit"]]
+    for run, label in RUNS:
+        for words, leaf, scale in GUARDED:
+            if f"check.{run}_guard_{leaf}" in values:
+                needs, limit = (scale * _one(values, f"{run}_{what}_{leaf}") for what in ("planned", "guard"))
+                rows.append([f"{label}, {words}", number(needs), number(limit)])
+    if len(rows) == 1:
+        return [labelled("guard", one) for one in said]
+    first = "stops a run at these limits, set to the motion that the run needs and never above the rig file's"
+    return [labelled("guard", first), *aligned(rows), *(labelled("", one) for one in said)]
+
+
 def _compared(values: Values, about: Tested) -> list[str]:
     """Return the lines on the predicted error in comparison with SIM-DELAY, and on the friction that it includes."""
     if "check.rms_error_m_s2" not in values:
@@ -317,7 +345,10 @@ def _over_samples(intervals: Mapping[str, Interval]) -> list[str]:
 def _verdict(checked: Checked) -> list[str]:
     """Return the lines on warnings, verdict and reasons; a warning that is a reason is told once."""
     notes = [labelled("note", warning) for warning in checked.warnings if warning not in checked.reasons]
-    first = checked.verdict if not checked.reasons else f"{checked.verdict}: {checked.reasons[0]}"
+    of_runs = ", ".join(f"{label} {verdict}" for label, verdict in checked.runs)
+    notes += [labelled("table runs", of_runs)] if len(checked.runs) > 1 else []
+    first = " ".join(filter(None, (checked.verdict, _if_right(checked))))
+    first = f"{checked.verdict}: {checked.reasons[0]}" if checked.reasons else first
     return [*notes, labelled("verdict", first), *(labelled("", reason) for reason in checked.reasons[1:])]
 
 

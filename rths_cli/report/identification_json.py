@@ -31,7 +31,7 @@ def as_document(found: Identification, about: About) -> dict[str, Any]:
         "free_vibration": _specimen(found.free_vibration),
         "agree": agreements(found),
         "channels": [asdict(channel) for channel in found.channels],
-        "roots": [asdict(root) for root in found.roots],
+        "roots": [asdict(root) | {"determined": root.determined} for root in found.roots],
         "candidates": [asdict(candidate) for candidate in found.candidates],
         "residuals": [asdict(band) for band in found.residuals],
         "levels": [_level(band) for band in found.levels],

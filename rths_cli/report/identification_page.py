@@ -117,6 +117,7 @@ def wrapped(lines: Sequence[str]) -> str:
 
 
 UNKNOWN = (DASH, DASH)
+UNDETERMINED = "not determined"
 
 
 def specimen_lines(found: Identification) -> list[str]:
@@ -258,6 +259,7 @@ def verdict_sentence(verdict: Verdict) -> str:
     return (
         f"accepted: fit for feedforward from {short(low)} to {short(high)} Hz, transport delay "
         f"{short(1e3 * verdict.delay_s)} ms, lag {short(1e3 * verdict.lag_s)} ms at low frequency"
+        + (f"; above {short(verdict.known_hz)} Hz the model says nothing" if math.isfinite(verdict.known_hz) else "")
     )
 
 
@@ -360,7 +362,14 @@ def _roots(roots: Sequence[Root]) -> list[str]:
     for root in roots:
         frequency = with_uncertainty(root.frequency_hz, root.frequency_error_hz)
         damping = with_uncertainty(root.damping_ratio, root.damping_error, 100.0)
-        rows.append([root.kind, frequency, damping if np.isfinite(root.damping_ratio) else "real"])
+        damping = damping if root.damping_known else UNDETERMINED
+        rows.append(
+            [
+                root.kind,
+                frequency if root.frequency_known else UNDETERMINED,
+                damping if np.isfinite(root.damping_ratio) else "real",
+            ]
+        )
     return [labelled("roots, best", "zeros off the origin; +- 2 standard uncertainties"), *aligned(rows)]
 
 

@@ -22,7 +22,7 @@ def limits_of(result: Result) -> dict[str, float]:
     node, faults = parse(block[0], Source(str(result.path), result.path.parent))
     limits = node.value["accept"].value if node is not None and isinstance(node.value, dict) else None
     if faults or not isinstance(limits, dict):
-        raise InputError(f"{result.path}: the accept limits stored in it cannot be read; run the case again.")
+        raise InputError(f"{result.path}: the accept limits stored in it cannot be read; {result.made_anew}")
     return {path: float(str(limit.value)) for path, limit in limits.items()}
 
 

@@ -139,7 +139,7 @@ def check_output(option: str, path: Path, inputs: Iterable[Path], replace: bool 
         raise InputError(f"{option} {path}: is read for this report; choose another name.")
     if path.suffix in (".h5", ".rthslog", ".yaml", ".yml"):
         raise InputError(f"{option} {path}: has the name or the content of a result or case; choose another name.")
-    return check_existing([(path, Kind.DOCUMENT)], replace)
+    return check_existing([(path, Kind.DOCUMENT)], replace, streams=True)
 
 
 def write_text(path: Path, text: str) -> None:

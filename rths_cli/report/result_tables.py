@@ -8,6 +8,7 @@ from itertools import groupby
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
+from rths_cli.report.answer import verdict
 from rths_cli.report.case_metric_tables import other_figures
 from rths_cli.report.fidelity_table import PERCENT_NOTES, every_figure, merit_table, percent_table
 from rths_cli.report.figure_values import intervals_json, json_value
@@ -120,4 +121,4 @@ def _json_result(result: Result) -> dict[str, object]:
     words = {"units": dict(result.units), "definitions": dict(result.definitions)}
     ends, scale = intervals_json(result.intervals), scale_json(result)
     more = {**({"intervals": ends} if ends else {}), **({"scale": scale} if scale else {})}
-    return {"file": str(result.path), **about, "metrics": metrics, **words, **more}
+    return {"file": str(result.path), **about, "verdict": verdict(result), "metrics": metrics, **words, **more}

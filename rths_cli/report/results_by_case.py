@@ -259,7 +259,7 @@ def _stored_figures(result: Result) -> dict[str, Figure]:
     try:
         return dict(json.loads(text))
     except (TypeError, ValueError) as error:
-        raise InputError(f"{result.path}: reference_json is not a JSON mapping; run the case again.") from error
+        raise InputError(f"{result.path}: reference_json is not a JSON mapping; {result.made_anew}") from error
 
 
 def _order(names: Sequence[str]) -> dict[str, int]:

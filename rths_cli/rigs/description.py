@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
+from rths_cli.case.plugin_interface import OLD_NAMES, RENAMED
 from rths_cli.case.rig_capabilities import Capabilities, capabilities_of
 
 CHANNEL_UNITS = {"acceleration": "m/s^2", "displacement": "m", "force": "N", "strain": "1"}
@@ -45,6 +47,15 @@ class Channel:
     noise_rms: float = 0.0
     plate_mass_kg: float = 0.0
     height_m: float = 0.0
+
+    if not TYPE_CHECKING:  # our own code uses the present names
+
+        def __getattr__(self, name: str) -> Any:
+            """Return a field by its name of interface 1 of rig packages."""
+            if name not in RENAMED:
+                raise AttributeError(f"a channel has no {name}", name=name, obj=self)
+            OLD_NAMES.add(name)
+            return getattr(self, RENAMED[name])
 
     @property
     def unit(self) -> str:

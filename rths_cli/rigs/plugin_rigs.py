@@ -6,13 +6,21 @@ the entry point's own name is the `kind` of the rig file, `options` is what stan
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from importlib.metadata import EntryPoint
 from typing import Any, cast
 
 import numpy as np
 
+from rths_cli.case.plugin_interface import (
+    missing_name,
+    not_loaded,
+    old_version_sentence,
+    stated_interface,
+    tell_old_names,
+    tell_once,
+)
 from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
 from rths_cli.case.storey_law_schema import StoreyLaws, checked_laws
 from rths_cli.errors import InputError, RigError, RthsError
@@ -50,7 +58,10 @@ def open_plugin(info: RigInfo, options: Mapping[str, object]) -> PluginRig:
     try:
         factory = point.load()
     except Exception as error:
+        if moved := not_loaded(error):
+            raise InputError(f"{who} was written for an older rths: {moved}; update its package") from error
         raise InputError(f"{who} cannot be loaded: {_told(error)}; repair or reinstall its package") from error
+    tell_once(old_version_sentence(point, who, stated_interface(point, who)))
     if not callable(factory):
         raise InputError(f"{who} names no function that makes a rig; its package needs one in the group {GROUP}")
     try:
@@ -60,7 +71,7 @@ def open_plugin(info: RigInfo, options: Mapping[str, object]) -> PluginRig:
     except RthsError:
         raise
     except Exception as error:
-        raise RigError(f"{who} could not make its rig: {_told(error)}") from error
+        raise RigError(f"{who} could not make its rig: {missing_name(error) or _told(error)}") from error
     return PluginRig(_checked(rig, info, who), info.kind, who)
 
 
@@ -73,12 +84,14 @@ class PluginRig:
         self._kind = kind
         self._who = who
         self._samples = np.zeros(len(rig.info.all_channels))
-        self.offers = tuple(one for one in getattr(type(rig), "offers", ()) if one in OF_PLUGINS)
+        self.offers = _offers(rig, who)
 
     def open(self) -> None:
         """Take hold of the rig, which may learn by that what is behind its driver; raises RigError."""
         self._call("open", self._rig.open)
         own = _checked(self._rig, self.info, self._who).info
+        if set(_offers(self._rig, self._who)) != set(self.offers):
+            raise RigError(f"{self._who} offers something else once it is open; state offers before make returns")
         self.info = replace(own, driver_verified=own.driver_verified or "hardware")
 
     def arm(self) -> Array:
@@ -96,6 +109,7 @@ class PluginRig:
     def close(self) -> None:
         """Let go of the rig; raises RigError."""
         self._call("close", self._rig.close)
+        tell_old_names(self._who)
 
     @property
     def missed(self) -> int:
@@ -153,7 +167,7 @@ class PluginRig:
         except RthsError:
             raise
         except Exception as error:
-            raise self._fault(what, f"failed: {_told(error)}") from error
+            raise self._fault(what, missing_name(error) or f"failed: {_told(error)}") from error
 
     def _kept(self, what: str, samples: Any) -> Array:
         try:
@@ -182,10 +196,7 @@ def _checked(rig: Any, info: RigInfo, who: str) -> Rig:
     lacking = [name for name in METHODS if not callable(getattr(rig, name, None))]
     if lacking:
         raise RigError(f"{who} made a {type(rig).__name__} without {', '.join(lacking)}; that is no rig")
-    offers = tuple(getattr(type(rig), "offers", ()))
-    unknown = [one for one in offers if one not in OF_PLUGINS]
-    if unknown:
-        raise RigError(f"{who} offers {str(unknown[0])[:40]!r}; a package's rig may offer {', '.join(OF_PLUGINS)}")
+    offers = _offers(rig, who)
     without = [what for one, what in NEEDED.items() if one in offers and not hasattr(rig, what)]
     if without:
         raise RigError(f"{who} made a {type(rig).__name__} without {without[0]}, which it offers")
@@ -196,6 +207,17 @@ def _checked(rig: Any, info: RigInfo, who: str) -> Rig:
         raise RigError(f"{who} states driver_verified {str(own.driver_verified)[:40]!r}; known: {', '.join(DRIVERS)}")
     made: Rig = rig
     return made
+
+
+def _offers(rig: Any, who: str) -> tuple[str, ...]:
+    """Return what a rig offers, by its class or by itself; raises RigError for anything else than known names."""
+    stated = getattr(rig, "offers", ())
+    if isinstance(stated, str) or not isinstance(stated, Collection):
+        raise RigError(f"{who} states offers {str(stated)[:40]!r}; it must be a tuple of {', '.join(OF_PLUGINS)}")
+    unknown = [one for one in stated if one not in OF_PLUGINS]
+    if unknown:
+        raise RigError(f"{who} offers {str(unknown[0])[:40]!r}; a package's rig may offer {', '.join(OF_PLUGINS)}")
+    return tuple(stated)
 
 
 def _told(error: Exception) -> str:

@@ -30,12 +30,13 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
+from rths_cli.case.plugin_interface import LAWS, stated_interface
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.user_functions import UserFunction, compile_force
 from rths_cli.structure.storey_laws import NUMBERS, OWN, OWN_PARAMETERS, OWN_STATES, Law, Tangents
 
-GROUP = "rths.laws"
+GROUP = LAWS
 FIELD = "structure.numerical.law"
 # what numba raises of source that it does not know: its own errors, of which one is no NumbaError, and bare ones
 NOT_COMPILED = (
@@ -113,7 +114,7 @@ def own_law(spec: OwnLawSpec) -> Own:
     Raises InputError when it cannot be loaded or compiled, with a sentence for every property of a law that it lacks,
     and for parameters that are not its own.
     """
-    definition = _of_file(spec.file, spec.sha256) if spec.file is not None else _of_package(str(spec.installed))
+    definition = _of_file(spec.file, spec.sha256) if spec.file is not None else installed_law(str(spec.installed))
     values = _values(definition, spec.parameters)
     return _checked(definition, values, float(spec.largest_drift_m))
 
@@ -143,8 +144,8 @@ def _definition(path: str, who: str, text: str) -> Definition:
 
 
 @lru_cache(maxsize=100)
-def _of_package(name: str) -> Definition:
-    """Return the law of an entry point."""
+def installed_law(name: str) -> Definition:
+    """Return the law of an entry point; raises InputError as `own_law` does."""
     found = tuple(entry_points(group=GROUP, name=name))
     if len(found) != 1:
         known = ", ".join(sorted({point.name for point in entry_points(group=GROUP)})) or "none"
@@ -158,6 +159,7 @@ def _of_package(name: str) -> Definition:
         raise InputError(f"{FIELD}: {who} cannot be loaded: {_told(error)}; repair its package") from error
     if not isinstance(module, ModuleType):
         raise InputError(f"{FIELD}: {who} must name a module, not {type(module).__name__}")
+    stated_interface(found[0], f"{FIELD}: {who}")
     return _of_module(module, who, inspect.getsource(module))
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rths_cli.case.keys_without_effect import without_effect
 from rths_cli.case.load import PlacedSettings, load_written
 from rths_cli.errors import InputError
+from rths_cli.experiment.case_warnings import baseline_note
 from rths_cli.experiment.true_reference import is_another
 from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.rigs.from_case import laboratory_follows_seed
@@ -73,6 +74,8 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
         unread = _still_unread(unread, setup.case, plan)
         for doubt in unit_doubts(setup):
             doubts.setdefault(doubt.rpartition(": ")[2], []).append(doubt)  # by its question
+        for doubt in baseline_note(setup):
+            doubts.setdefault(setup.case.record.name, []).append(doubt)
         storeys, first = max(storeys, setup.case.n_storeys), first or setup
         has_laws, has_truth = has_laws or not setup.building.linear, has_truth or is_another(setup)
     assert first is not None  # a plan has a point

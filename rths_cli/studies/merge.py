@@ -15,38 +15,46 @@ from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
 from rths_cli.experiment.run_case import worst_code
+from rths_cli.files.durable_files import Stamp, stamp
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import Attribute, check_writable
 from rths_cli.files.sweep_file import PART, Head, Sweep, read_columns, read_head, write_sweep
 from rths_cli.quantities.sweep_datasets import TEXTS
-from rths_cli.studies.sweep_output import told
+from rths_cli.studies.sweep_output import check_same_plan, told
 
 SAME = {
     "plan_sha256": "a sweep of another case, grid or options",
     "software_sha256": "a sweep by another version of rths, Python, numpy, scipy or numba",
 }
-Stamp = tuple[int, int, int] | None
 SHOWN = 5  # ranges of rows in a sentence
 
 
-def merge_parts(paths: Sequence[Path], output: Path, replaces: bool, command_line: str) -> tuple[Sweep, bool]:
-    """Write the sweep of all parts, and return it and whether it took the place of a file.
+def merge_parts(
+    paths: Sequence[Path], output: Path, replaces: bool, command_line: str, force: bool = False
+) -> tuple[Sweep, Path, bool]:
+    """Write the sweep of all parts, and return it, its file, and whether it took the place of one.
+
+    With `force`, that may be the sweep of another plan. The file gets another name than `output` where another process
+    has taken that meanwhile.
 
     Raises InputError, and writes nothing, where a file is no part, parts are of different sweeps or software, a row is
     in two of them, or one is in none, or a part is written anew meanwhile.
     """
     if any(output.resolve() == path.resolve() for path in paths):
         raise InputError(f"--output {output}: is one of the parts; give it a name of its own")
-    seen = {path: _stamp(path) for path in paths}
+    seen = {path: stamp(path.resolve()) for path in paths}
     parts = {path: read_head(path) for path in paths}
     faults = list(_faults(parts))
     if faults:
         raise InputError(*faults)
-    replaced = check_existing([(output, Kind.SWEEP)], replaces)
-    check_writable(output.parent, sum(stamp[1] for stamp in seen.values() if stamp is not None))
+    replaced, there = check_existing([(output, Kind.SWEEP)], replaces), stamp(output)
+    first, *_ = parts.values()
+    if replaced and output.stat().st_size and not force:
+        check_same_plan(output, {"plan_sha256": first.attributes["plan_sha256"]})
+    check_writable(output.parent, sum(one[2] for one in seen.values() if one is not None))
     sweep = _joined(parts, seen, command_line)
-    write_sweep(output, sweep)
-    return sweep, bool(replaced)
+    written = write_sweep(output, sweep, there)
+    return sweep, written, bool(replaced) and written == output
 
 
 def _faults(parts: dict[Path, Head]) -> Iterator[str]:
@@ -108,15 +116,6 @@ def _shapes(part: Head) -> dict[str, tuple[int, ...]]:
     return {path: figure.shape for path, figure in part.figures.items()}
 
 
-def _stamp(path: Path) -> Stamp:
-    """Return what tells a file from one that took its place, None where there is none."""
-    try:
-        about = path.stat()
-    except OSError:
-        return None
-    return about.st_ino, about.st_size, about.st_mtime_ns
-
-
 @contextmanager
 def _as_seen(path: Path, seen: Stamp) -> Iterator[None]:
     """Raise InputError, whatever else the body raises, where the file is not the one that was seen."""
@@ -124,10 +123,10 @@ def _as_seen(path: Path, seen: Stamp) -> Iterator[None]:
     try:
         yield
     except (InputError, OSError, ValueError, KeyError) as error:
-        if _stamp(path) != seen:
+        if stamp(path.resolve()) != seen:
             raise InputError(told) from error
         raise
-    if _stamp(path) != seen:
+    if stamp(path.resolve()) != seen:
         raise InputError(told)
 
 

@@ -21,6 +21,7 @@ from rths_cli.errors import InputError, RthsError
 from rths_cli.experiment.allocator_settings import keep_freed_memory
 from rths_cli.experiment.model_files import software
 from rths_cli.experiment.provenance import attributes
+from rths_cli.files.durable_files import claimed, taken_sentence
 from rths_cli.files.existing_files import Kind, check_existing, replaced_sentence
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_file import RowsFile, Sweep, check_csv, read_part, rows_path, write_csv, write_sweep
@@ -55,6 +56,7 @@ class SweepRequest:
     command_line: str
     overrides: tuple[str, ...] = ()
     part: tuple[int, int] | None = None
+    force: bool = False  # whether a finished sweep of another plan may be replaced
 
 
 @dataclass(frozen=True)
@@ -78,14 +80,25 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     about = _attributes(points, request.command_line)
     if request.part is not None:
         about["part"] = "{}/{}".format(*request.part)
+    with claimed(path) as ours:
+        if not ours:
+            raise InputError(f"{path}: is being written by another process; choose another --output, or wait for it")
+        return _swept(path, about, points, shared, variants, request, watcher)
+
+
+def _swept(
+    path: Path, about: dict[str, str | int | float], points: Points, shared: Shared, variants: NDArray[np.int64],
+    request: SweepRequest, watcher: Watcher,
+) -> Swept:  # fmt: skip
+    """Play what is not played yet and write the table to a file whose name is claimed."""
     tables: tuple[Path, ...] = ()
     if request.csv is not None:
-        tables = check_existing([(request.csv, Kind.DOCUMENT)], request.replace)
+        tables = check_existing([(request.csv, Kind.DOCUMENT)], request.replace, streams=True)
         check_csv(request.csv, path)
-    begun = begin(path, about, len(variants), request.replace, request.resume)
+    begun = begin(path, about, len(variants), request.replace, request.resume, request.force)
     if request.csv is not None:
         check_writable(request.csv.parent)
-    played = 0
+    played, replaces = 0, False
     if begun is None:
         sweep = read_part(path)
     else:
@@ -93,10 +106,13 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
         take_rows(begun, rows)
         played = rows.left
         _tell(points, begun, rows, len(variants), watcher)
-        sweep = _play(points, shared, begun, rows, variants, request, watcher)
+        sweep, written = _play(points, shared, begun, rows, variants, request, watcher)
+        if written != path:
+            watcher.message(taken_sentence(path, written))
+        replaces, path = begun.replaces is not None and written == path, written
     if request.csv is not None:
         write_csv(request.csv, sweep)
-    if replaced := [*([path] if begun is not None and begun.replaces else []), *tables]:
+    if replaced := [*([path] if replaces else []), *tables]:
         watcher.message(replaced_sentence(replaced))
     if several := several_processors(sweep):
         watcher.message(several)
@@ -138,8 +154,9 @@ def _attributes(points: Points, command_line: str) -> dict[str, str | int | floa
 def _play(
     points: Points, shared: Shared, begun: Begun, rows: Table, variants: NDArray[np.int64], request: SweepRequest,
     watcher: Watcher,
-) -> Sweep:  # fmt: skip
-    """Play the runs that are left, keep each row at once, and write the table when all are there."""
+) -> tuple[Sweep, Path]:  # fmt: skip
+    """Play the runs that are left, keep each row at once, and write the table when all are there; return it and its
+    file."""
     count = len(variants)
     start, before = time.monotonic(), count - rows.left
     done = before
@@ -159,9 +176,9 @@ def _play(
                 watcher.message(f"none of {count} runs had ended, nothing is kept; the same command begins anew")
             raise
         sweep = as_sweep(points, begun, rows, None if request.part is None else variants)
-        write_sweep(begun.path, sweep)
+        written = write_sweep(begun.path, sweep, begun.replaces)
         file.remove()
-    return sweep
+    return sweep, written
 
 
 def _tell(points: Points, begun: Begun, rows: Table, count: int, watcher: Watcher) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError
 from rths_cli.experiment.run_case import worst_code
+from rths_cli.files.durable_files import Stamp, is_stream, stamp
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_file import (
@@ -46,23 +47,39 @@ class Begun:
     path: Path
     attributes: dict[str, Any]
     resumed: bool
-    replaces: bool = False  # a finished file
+    replaces: Stamp = None  # a finished file
 
 
-def begin(path: Path, attributes: dict[str, Any], runs: int, replace: bool, resume: bool) -> Begun | None:
+def begin(
+    path: Path, attributes: dict[str, Any], runs: int, replace: bool, resume: bool, force: bool = False
+) -> Begun | None:
     """Return the sweep of so many runs to be played, None when the file is whole and `resume` asks for what is left.
 
-    Raises InputError where the file cannot be written or would replace what it must not.
+    Raises InputError where the file cannot be written or would replace what it must not; with `force` it may be that of
+    another plan.
     """
     if path.is_dir():
         raise InputError(f"--output {path}: is a folder; give the name of a file in it")
     begun = _under_way(path, attributes, resume) if rows_path(path).exists() else None
-    if begun is None and path.exists() and _is_whole(path, attributes, resume):
-        return None
+    if begun is None and path.exists() and not is_stream(path):
+        if _is_whole(path, attributes, resume):
+            return None
+        if replace and not force:
+            check_same_plan(path, attributes)
     if begun is None:
         check_existing([(path, Kind.SWEEP)], replace)
     check_writable(path.parent, BYTES_PER_RUN * runs)
-    return begun or Begun(path, attributes, False, path.exists())
+    return begun or Begun(path, attributes, False, stamp(path))
+
+
+def check_same_plan(path: Path, attributes: Mapping[str, Any]) -> None:
+    """Raise InputError for a finished sweep of another plan or part than a new one that is to take its place."""
+    stored = read_attributes(path)
+    if any(stored.get(name) != attributes.get(name) for name in ("plan_sha256", "part")):
+        raise InputError(
+            f"{path}: exists and holds another sweep (case, grid, options or part differ); choose another --output, or "
+            "add --force to replace it"
+        )
 
 
 def _under_way(path: Path, attributes: Mapping[str, Any], resume: bool) -> Begun:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis.metrics import room_for_pairs
-from rths_cli.errors import InputError, RthsError, crash_note
+from rths_cli.errors import InputError, RthsError, crash_note, out_of_memory
 from rths_cli.experiment import residual_drift, run_metrics, true_reference
 from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.design import design_blocks
@@ -132,7 +132,7 @@ class Shared:
         truth = truth_of(setup, sim, values, self._progress) if true_reference.is_another(setup) else None
         change_m = None if setup.building.linear else change_of_residual_drift(setup, sim, values)
         drifting = known.found if laboratory_number(setup.case) is not None else None
-        plan = plan_run(setup, checked.design, HYBRID_TEST, drifting)
+        plan = plan_run(setup, checked.design, HYBRID_TEST, drifting, checked.planned.get(HYBRID_TEST.name))
         return Ready(setup, checked, "", plan, sim, truth, change_m)
 
     def _memory(self, setup: Setup) -> Memory:
@@ -145,7 +145,7 @@ class Shared:
             design: Design | None = values.get("design", keys.design, lambda: design_blocks(setup, known.found, values))
         except InputError:
             design = None  # the verdict says why
-        return verdict_on(setup, known, design=design, shared=values)
+        return verdict_on(setup, known, design=design, shared=values, table_test=False)
 
 
 def _digest(content: bytes) -> str:
@@ -200,6 +200,8 @@ def failed(row: Row, error: Exception) -> Row:
     """Return the row of a run that an error ended."""
     if isinstance(error, RthsError):
         return replace(row, status="failed", reason=str(error), exit_code=error.exit_code)
+    if told := out_of_memory(error):
+        return replace(row, status="failed", reason=told, exit_code=2)
     reason = f"internal error ({type(error).__name__}), {crash_note()}"
     return replace(row, status="failed", reason=reason, exit_code=5)
 

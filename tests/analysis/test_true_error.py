@@ -5,9 +5,19 @@ import pytest
 from scipy.signal import StateSpace, butter, lsim, sosfiltfilt
 
 from rths_cli.analysis.fourier_lines import lines_for
+from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.metrics import test_band as in_band
 from rths_cli.analysis.sim_fourier_lines import sim_lines
-from rths_cli.analysis.true_error import OwnError, best_remedy, sensitivities, true_error
+from rths_cli.analysis.true_error import (
+    MeasuredError,
+    OwnError,
+    best_remedy,
+    gram,
+    products,
+    sensitivities,
+    true_error,
+    true_error_of_run,
+)
 from rths_cli.identification.results import Calibration
 from rths_cli.numerics.lti import Frf, Model
 from rths_cli.structure import Building, Numerical, Specimen, assemble
@@ -153,3 +163,23 @@ def test_the_remedy_is_the_measurement_that_helps_most():
     nothing = Calibration(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), np.zeros((11, 11)))
     assert best_remedy(known(), nothing, OwnError(np.ones(3), np.ones(3))) is None
     assert best_remedy(known(), found, OwnError(np.full(3, 100.0 * before.bound.max()), np.zeros(3))) is None
+
+
+@pytest.mark.parametrize("aligned", [0.0, 0.9])
+def test_the_distribution_after_a_run_covers_what_errors_of_the_calibration_make_of_its_loop_s_error(
+    aligned: float,
+) -> None:
+    """The true errors are formed as series, in time; the loop's error may look like one of the calibration."""
+    random, lines = np.random.default_rng(7), lines_for(4000, 2e-3, 4.0)
+    spectra = random.standard_normal((4, 2, lines.count, 2)) @ np.array([1.0, 1j])
+    of_each, other = spectra[:3], spectra[3]
+    loop = 0.02 * (aligned * of_each[0] + np.sqrt(1.0 - aligned**2) * other)
+    spread = np.array([0.03, 0.01, 0.005])
+    series, own = lines.evaluated(of_each), lines.evaluated(loop)
+    none = np.zeros(2)
+    run = MeasuredError(rms(own), products(lines, list(of_each), loop), none, none, none)
+    stated = true_error_of_run(gram(lines, list(of_each)), np.diag(spread**2), run)
+    drawn = random.standard_normal((1000, 3)) * spread
+    true = np.array([rms(own + np.einsum("p,psn->sn", each, series)) for each in drawn])
+    assert np.all(np.abs(np.mean(true <= stated.bound, axis=0) - 0.95) < 0.02)
+    assert np.all(np.abs(np.mean(true <= stated.median, axis=0) - 0.5) < 0.05)

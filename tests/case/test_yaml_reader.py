@@ -11,8 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rths_cli.case.load import load_cases
 from rths_cli.case.yaml_reader import MAX_BYTES, dump, dump_in_python, parse, read_file
 from rths_cli.case.yaml_tree import Fault, Source, plain
+from rths_cli.errors import InputError
 
 HERE = Source("a.yaml", Path("."))
 
@@ -177,3 +179,24 @@ PIECES = st.lists(st.sampled_from([*CHARACTERS, "word ", "long_word_", "true"]),
 @settings(max_examples=300, deadline=None, derandomize=True)
 def test_the_dumper_in_c_writes_what_the_one_in_python_writes(data: dict[str, object]) -> None:
     assert dump(data) == dump_in_python(data)
+
+
+@pytest.mark.parametrize("space", ["\u00a0", "\u202f", "\u3000"])
+@pytest.mark.parametrize(("text", "place"), [("a: 1\nb:{}2\nc: 3\n", "2:3"), ("a: 1\nb: 2\nc:{}3", "3:3")])
+def test_a_space_of_another_kind_is_told_where_it_stands(text: str, place: str, space: str) -> None:
+    (fault,) = parse(text.replace("{}", space), HERE)[1]
+    assert f":{place}: " in str(fault) and f"U+{ord(space):04X}" in str(fault)
+
+
+@pytest.mark.parametrize(("text", "place"), [("damping{}: low", "1:8"), ("{}damping: low", "1:1")])
+def test_a_space_of_another_kind_in_a_key_is_told_where_it_stands(tmp_path: Path, text: str, place: str) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text(text.replace("{}", "\u00a0") + "\nrecord: el_centro\nstructure: three_storey\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_cases([path])
+    assert any(f"a.yaml:{place}: " in fault and "no-break space (U+00A0)" in fault for fault in caught.value.faults)
+
+
+def test_a_space_of_another_kind_within_a_text_is_left_alone() -> None:
+    node, faults = parse('notes: "a\u00a0b"  # c\u00a0d\nplain: e\u00a0f\n', HERE)
+    assert not faults and node is not None and plain(node) == {"notes": "a\u00a0b", "plain": "e\u00a0f"}

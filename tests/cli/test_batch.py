@@ -26,7 +26,7 @@ def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 def test_one_case_that_is_stopped_by_a_limit_is_named_and_the_others_run(tmp_path: Path) -> None:
     (tmp_path / "loud.yaml").write_text(CASE.format(scaling=3, runs="[sim, shake_table]"))
     (tmp_path / "calm.yaml").write_text(CASE.format(scaling=0.3, runs="[sim, shake_table]"))
-    done = rths("run", "loud.yaml", "calm.yaml", cwd=tmp_path)
+    done = rths("run", "loud.yaml", "calm.yaml", "--override", "check", cwd=tmp_path)
     assert done.returncode == 3
     assert "loud: aborted" in done.stderr and "calm: complete" in done.stderr
     assert read_result(tmp_path / "results/loud.h5").attributes["status"] == "aborted"

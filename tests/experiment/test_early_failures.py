@@ -30,7 +30,7 @@ def setup(kind: str = "udp") -> Any:
 def ran(path: Path, monkeypatch: pytest.MonkeyPatch, act: Any, ask: Any = lambda *_: None) -> Ended:
     monkeypatch.setattr(table_runs_on_real_rig, "ask_the_rig", ask)
     monkeypatch.setattr(run_command, "run_case", lambda setup, path, *_: act(path))
-    monkeypatch.setattr(run_command, "unit_doubts", lambda setup: ())
+    monkeypatch.setattr(run_command, "before_error", lambda setup, error: (str(error),))
     watcher: Any = SimpleNamespace(moving=None)
     return run_one(setup(), path, SimpleNamespace(), SharedValues(), "", lambda _: None, watcher)  # type: ignore[arg-type]
 

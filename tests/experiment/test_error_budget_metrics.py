@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rths_cli.analysis.error_budget import CAUSES, CUT_PERIODS, Signals, fitted_factors, friction_in_samples, split
+from rths_cli.analysis.error_budget import (
+    CAUSES,
+    CUT_PERIODS,
+    Signals,
+    exceeds,
+    fitted_factors,
+    friction_in_samples,
+    significant,
+    split,
+)
 from rths_cli.analysis.metrics import test_band as band_of
 from rths_cli.analysis.predicted_error import friction_samples
 from rths_cli.analysis.sim import simulate
@@ -98,8 +107,21 @@ def test_tracking_is_the_measured_one_and_its_parts_add_up(memory: Memory) -> No
     rows = (made[1][0], answer, 2j * np.pi * known.lines.frequency_hz * answer)
     more = fitted_factors(known, disturbed[0] - made[0][0], rows, np.ones(known.lines.count))[0]
     assert found.friction_v == pytest.approx(known.friction.command_v + more, rel=1e-9)
-    acting = friction_in_samples(known, disturbed, command, velocity)[0]
-    assert np.abs(acting - made[0] - more * made[2]).max() < 1e-9 * np.abs(acting).max()
+    acting, fitted, off = friction_in_samples(known, disturbed, command, velocity)
+    sure = more * max(1.0 - (2.0 * off / fitted) ** 2, 0.0)
+    assert np.abs(acting - made[0] - sure * made[2]).max() < 1e-9 * np.abs(acting).max()
+
+
+def test_what_two_standard_uncertainties_explain_of_a_fitted_value_is_no_part() -> None:
+    assert [significant(x, 1.0) for x in (0.0, 1.2, -2.0)] == [0.0, 0.0, 0.0]
+    assert significant(-4.0, 1.0) == pytest.approx(-3.0) and significant(1.0, 0.0) == 1.0
+    assert significant(100.0, 1.0) == pytest.approx(100.0, rel=1e-3)
+
+
+def test_a_part_larger_than_the_whole_error_is_no_cause() -> None:
+    """It cancels another one; a storey alone may be above what is measured there."""
+    whole = np.array([1.0, 2.0])
+    assert exceeds(np.array([3.8, 3.3]), whole) and not exceeds(np.array([1.5, 1.5]), whole)
 
 
 def test_friction_is_the_identified_one_and_three_times_that_when_it_is_tripled(

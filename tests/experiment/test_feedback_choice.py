@@ -91,10 +91,12 @@ def test_a_case_without_a_hybrid_test_gets_the_usual_feedback(bare: Identificati
 def test_a_usual_feedback_that_is_of_no_use_is_told_so(bare: Identification, monkeypatch: pytest.MonkeyPatch) -> None:
     design = feedback.design
 
-    def without_usual(model: object, frf: object, dt_s: float, hz: object, peak: float, weights: Weights) -> object:
+    def without_usual(
+        model: object, frf: object, dt_s: float, hz: object, peak: float, weights: Weights, *more: object
+    ) -> object:
         if weights == DEFAULT:
             raise InputError("controller: no feedback is of use on this table")
-        return design(model, frf, dt_s, hz, peak, weights)
+        return design(model, frf, dt_s, hz, peak, weights, *more)
 
     monkeypatch.setattr(feedback_choice.feedback, "design", without_usual)
     setup = bare_setup()

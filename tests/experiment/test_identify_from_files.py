@@ -11,8 +11,10 @@ from typing import NamedTuple
 import h5py
 import numpy as np
 import pytest
+import scipy.fft
 import scipy.io
 import scipy.signal
+from nptdms import ChannelObject, TdmsWriter
 
 from rths_cli.case.load import load_cases
 from rths_cli.cli import entry_point
@@ -122,6 +124,36 @@ def test_a_saved_record_gives_the_model_of_the_rig(
     assert "2.0 s of silence" in page and "taken as removed" in page and "d.h5 (SHA-256" in page
     assert page.count("warning") == 1 and "friction: not judged" in page and shown.err == ""
     assert sorted(path.name for path in Path().iterdir()) == ["d.h5", "m.h5"]
+
+
+def later(values: Array, samples: float) -> Array:
+    """Return a series (n,) that begins and ends at rest as it is sampled later, by the phases of its transform."""
+    return np.asarray(
+        scipy.fft.irfft(scipy.fft.rfft(values) * np.exp(2j * np.pi * scipy.fft.rfftfreq(values.size) * samples),
+                        values.size)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("samples", [0.2, 3.0, 50.0])
+def test_channels_that_state_later_starts_give_the_same_delay(
+    identify: Identify, made: tuple[Identification, Recording], setup: Setup, samples: float
+) -> None:
+    recording = made[1]
+    start = {"wf_increment": recording.dt_s, "wf_start_time": np.datetime64("2026-02-03T10:00:00")}
+    objects = [
+        ChannelObject("daq", name, later(values, late), properties={
+            **start, "unit_string": "V" if name == "command" else "m/s^2", "wf_start_offset": late * recording.dt_s,
+        })
+        for name, values in zip(NAMES, recording.samples, strict=True)
+        for late in [0.0 if name == "command" else samples]
+    ]  # fmt: skip
+    with TdmsWriter("d.tdms") as writer:
+        writer.write_segment(objects)
+    shown = identify("--data", "d.tdms", "--corrected")
+    assert shown.code == 0, shown
+    assert "start at different times" in one_line(shown.out)
+    assert model(setup).best.delay_s == pytest.approx(made[0].best.delay_s, abs=2e-5)
+    assert worst(model(setup), made[0]) < 2e-3
 
 
 def as_csv(recording: Recording) -> list[str]:

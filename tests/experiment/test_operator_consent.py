@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.experiment import operator_consent
 from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.real_rig_readiness import AtRest, channel_faults
+from rths_cli.experiment.setup import make_setup
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.quantities import Interval
 from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
@@ -48,13 +51,18 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(operator_consent.sys, "stdin", SimpleNamespace(isatty=lambda: True))
 
 
+@pytest.fixture
+def undoubted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(operator_consent, "doubts", lambda setup: ())
+
+
 def test_a_virtual_rig_asks_nobody() -> None:
     person = Person(False)
     ask_to_move(setups(kind="virtual"), False, person)
     assert person.shown == ""
 
 
-@pytest.mark.usefixtures("terminal")
+@pytest.mark.usefixtures("terminal", "undoubted")
 def test_a_person_sees_rig_limits_and_checklist_and_may_refuse() -> None:
     person = Person(True)
     ask_to_move(setups(), False, person)
@@ -65,7 +73,7 @@ def test_a_person_sees_rig_limits_and_checklist_and_may_refuse() -> None:
         ask_to_move(setups(), False, Person(False))
 
 
-@pytest.mark.usefixtures("terminal")
+@pytest.mark.usefixtures("terminal", "undoubted")
 def test_a_person_sees_the_peaks_that_a_check_predicts() -> None:
     peaks = {"displacement_m": 0.0123, "velocity_m_s": 0.25, "acceleration_m_s2": np.array([4.5, 6.5]), "force_n": 81.2}
     figures = {f"check.peak_{path}": value for path, value in peaks.items()}
@@ -77,7 +85,8 @@ def test_a_person_sees_the_peaks_that_a_check_predicts() -> None:
     assert "; predicted peaks of the table 12.3 mm, 0.31 m/s, 6.5 m/s^2, 81.2 N\n" in person.shown  # the largest
 
 
-@pytest.mark.usefixtures("terminal")
+@pytest.mark.usefixtures("terminal", "undoubted")
+@pytest.mark.usefixtures("undoubted")
 def test_yes_answers_for_unattended_rigs_alone() -> None:
     person = Person(False)
     ask_to_move(setups(unattended=True), True, person)
@@ -86,6 +95,7 @@ def test_yes_answers_for_unattended_rigs_alone() -> None:
         ask_to_move([*setups(), *setups(unattended=True, name="other")], True, Person(True))
 
 
+@pytest.mark.usefixtures("undoubted")
 def test_without_a_terminal_nobody_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(operator_consent.sys, "stdin", SimpleNamespace(isatty=lambda: False))
     person = Person(True)
@@ -108,3 +118,25 @@ def test_a_channel_that_is_not_at_rest_is_named(zero: float, noise: float, fault
     """5 g at 1 V per g are a range of 5 V: a tenth is 0.5 V, a fiftieth 0.1 V."""
     found = channel_faults(rig_info(), AtRest(np.array([0.0, zero, 0.0]), np.array([0.0, noise, 0.0])))
     assert [fault in text and "channel channel_1" in text for text in found] == ([True] if fault else [])
+
+
+@pytest.mark.parametrize("move", ["a person", "--yes"])
+def test_a_real_rig_with_a_doubted_number_moves_only_where_the_case_names_it_plausible(
+    move: str, terminal: None, tmp_path: Path
+) -> None:
+    """A force limit in mN switches the guard's off: nobody is asked until it is corrected or called plausible."""
+    rig, person = tmp_path / "rig.yaml", Person(True)
+    rig.write_text("extends: udp_example\nlimits: {force_n: 400000}\nunattended: true\n")
+
+    def ask(*settings: str) -> None:
+        setup = make_setup(load_cases(["el_centro_low_ff_fb"], (f"table={rig}", *settings))[0])
+        ask_to_move([setup], move == "--yes", person)
+
+    with pytest.raises(InputError) as refused:
+        ask()
+    assert "table.limits.force_n: 400000 N" in refused.value.faults[0] and "400 N would fit" in refused.value.faults[0]
+    assert "state plausible: [table.limits.force_n] in the case" in refused.value.faults[-1] and person.shown == ""
+    with pytest.raises(InputError, match=r"table\.limits\.force_n"):
+        ask("plausible=[table.limits.stroke_m]")  # another number's consent is none
+    ask("plausible=[table.limits.force_n]")
+    assert ("400000 N" in person.shown) == (move == "a person")

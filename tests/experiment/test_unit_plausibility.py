@@ -21,14 +21,16 @@ from rths_cli.experiment.check_command import check_cases, verdict_on
 from rths_cli.experiment.identify_command import Asked, make_model
 from rths_cli.experiment.identify_on_rig import UnfitRig
 from rths_cli.experiment.model_choice import Known, Memory
+from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.run_command import Request, run_batch
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.table_runs_of_case import why_none
-from rths_cli.experiment.unit_plausibility import drift_under_1_g, unit_doubts
+from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.files.result_reader import read_result
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
+from rths_cli.structure.unit_comparisons import drift_under_1_g
 
 NUMERICAL, EXPERIMENTAL = (
     ("numerical.masses_kg", "numerical.stiffness_n_per_m"),
@@ -39,12 +41,14 @@ NUMERICAL, EXPERIMENTAL = (
 )
 LISTS = dict(zip((*NUMERICAL, *EXPERIMENTAL), ([8.0, 8.0, 8.0], [8e3, 8e3, 7e3], [7.0, 6.0], [7e3, 6e3]), strict=True))
 STIFF, SOFT = (
-    r"own\.yaml:1:\d+: structure\.numerical\.masses_kg: first mode 4[67] Hz \(.*0\.04\d mm\): are they in kg",
-    r"own\.yaml:1:\d+: structure\.numerical\.stiffness_n_per_m: first mode 0\.047 Hz \(.*storey 1 .* 45\.\d m\)",
+    r"own\.yaml:1:\d+: structure\.numerical\.masses_kg: the first mode, 4[67](\.\d+)? Hz is .*factor of 1000 .*"
+    r": are masses_kg in kg",
+    r"own\.yaml:1:\d+: structure\.numerical\.stiffness_n_per_m: first mode 0\.047 Hz: the drift of storey 1, .* "
+    r"45\.\d+ m .*factor of 1000 .*: are masses_kg in kg",
 )
 LIGHT, UNEQUAL = (
-    r"structure\.experimental\.masses_kg: the specimen weighs 0\.013 kg, 0\.057 % of what rig aps400_virtual",
-    r"structure\.numerical\.masses_kg: floors of at most 0\.008 kg",
+    r"structure\.experimental\.masses_kg: the specimen, 0\.013 kg is 0\.13 times the lightest specimen .*: is it in kg",
+    r"structure\.numerical\.masses_kg: floor 1, 0\.008 kg is 0\.00123 times the mean floor .*factor of 1000 .* in kg",
 )
 
 
@@ -76,11 +80,11 @@ MISTAKES = {
     "stiffness in kN/m": (mistaken(*SPRINGS, factor=1e-3), SOFT),
     "stiffness in N/mm, numerical only": (
         mistaken(NUMERICAL[1], factor=1e-3),
-        r"structure\.numerical\.stiffness_n_per_m: .*storey 1 would drift 45\.\d m",
+        r"structure\.numerical\.stiffness_n_per_m: .*the drift of storey 1, .* 45\.\d+ m",
     ),
     "stiffness in kN/m, experimental only": (
         mistaken(EXPERIMENTAL[1], factor=1e-3),
-        r"structure\.experimental\.stiffness_n_per_m: .*storey 4 would",
+        r"structure\.experimental\.stiffness_n_per_m: .*the drift of storey 4,",
     ),
     "masses in t, stiffness in kN/m": (mistaken(*LISTS, factor=1e-3), LIGHT),
     "masses in t, numerical only": (mistaken(NUMERICAL[0], factor=1e-3), UNEQUAL),
@@ -90,7 +94,7 @@ MISTAKES = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_building_in_other_units_is_asked_about(mistake: str, tmp_path: Path) -> None:
     lists, sentence = MISTAKES[mistake]
-    (doubt,) = unit_doubts(setup_of(case_of(tmp_path, lists)))
+    doubt = unit_doubts(setup_of(case_of(tmp_path, lists)))[0]
     assert re.search(sentence, doubt) and "in kg" in doubt
 
 
@@ -100,8 +104,8 @@ def test_the_first_mode_and_the_drift_are_those_of_the_building(tmp_path: Path) 
     first_hz = np.sqrt(eigh(K, M, eigvals_only=True)[0]) / (2.0 * np.pi)
     pushed = np.linalg.solve(K, STANDARD_GRAVITY_M_S2 * np.diag(M))
     assert drift_under_1_g(setup.building) == pytest.approx(np.diff(pushed, prepend=0.0), rel=1e-9)
-    (doubt,) = unit_doubts(setup)
-    assert f"first mode {first_hz:.2g} Hz" in doubt and f"would drift {pushed[0]:.3g} m" in doubt
+    doubt = unit_doubts(setup)[0]
+    assert f"first mode {first_hz:.2g} Hz" in doubt and f"under 1 g sideways, {pushed[0]:.6g} m" in doubt
 
 
 def test_masses_in_grams_are_asked_about_where_the_table_cannot_carry_them(tmp_path: Path) -> None:
@@ -157,14 +161,20 @@ def test_random_legitimate_cases_are_not_asked_about(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("unit", "scaling", "sentence"),
     [
-        ("g", 0.1, r"1:\d+: record: pulse peaks at 33\.5 m/s\^2 \(3\.4 g\) before scaling: is its unit right"),
+        (
+            "g",
+            0.1,
+            r"1:\d+: record: pulse, its peak before scaling, 33\.5\d* m/s\^2 is 3\.42 times 1 g, "
+            r".* of 9\.81 .*: is its unit",
+        ),
         ("m/s^2", 0.1, ""),
         (
             "cm/s^2",
             0.9,
-            r"1:\d+: record: pulse peaks at 0\.0342 m/s\^2 \(0\.0035 g\) before it is scaled down further: is its",
+            r"1:\d+: record: pulse, its peak before scaling, 0\.0342\d* m/s\^2 is 0\.00349 times 1 g, .*: is its unit",
         ),
-        ("cm/s^2", 1.0, ""),  # a weak record, as it is
+        ("cm/s^2", 1.0, r"record: pulse, its peak before scaling, 0\.0342"),  # a weak record, or one in another unit
+        ("cm/s^2", 20.0, ""),  # a weak record that is known to be weak
     ],
 )
 def test_a_record_in_another_unit_is_asked_about(unit: str, scaling: float, sentence: str, tmp_path: Path) -> None:
@@ -214,15 +224,15 @@ def test_a_rejected_model_is_not_the_first_reason(tmp_path: Path, default_identi
     setup = setup_of(case_of(tmp_path, MISTAKES["masses in t"][0]))
     known = Known(default_identification, "test", ("the specimen has changed",))
     verdict = verdict_on(setup, known)
-    (doubt,) = unit_doubts(setup)
+    doubt, *_ = unit_doubts(setup)
     assert verdict.reasons[0] == doubt and any("the specimen has changed" in reason for reason in verdict.reasons[1:])
     assert why_none(setup, known, verdict).startswith(doubt)
     assert why_none(setup, Known(default_identification, "test"), verdict_on(setup, known, False)) in ("", doubt)
 
 
-@pytest.mark.parametrize(("rig", "asked"), [("aps400_virtual", 0), ("udp_example", 1)])
-def test_identification_asks_before_it_excites_a_real_rig_and_before_it_blames_a_channel(
-    rig: str, asked: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("rig", "moves"), [("aps400_virtual", True), ("udp_example", False)])
+def test_identification_doubts_before_it_excites_a_real_rig_and_before_it_blames_a_channel(
+    rig: str, moves: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said: list[str] = []
 
@@ -233,7 +243,16 @@ def test_identification_asks_before_it_excites_a_real_rig_and_before_it_blames_a
     monkeypatch.setattr(identify_command, "measure", measure)
     path = case_of(tmp_path, MISTAKES["stiffness in kN/m"][0], table=rig)
     wanted = Asked(str(path), (), output=tmp_path / "m.h5", draw=False)
-    made = make_model(wanted, lambda _: None, warn=said.append)
+
+    def permit(setup: Setup) -> None:
+        ask_to_move([setup], False, lambda lines: True)
+
+    if not moves:
+        with pytest.raises(InputError) as refused:
+            make_model(wanted, lambda _: None, permit)
+        assert re.search(SOFT, refused.value.faults[0]) and "plausible: [structure" in refused.value.faults[-1]
+        assert said == []
+        return
+    made = make_model(wanted, lambda _: None, permit)
     assert made.unfit is not None and re.search(SOFT, made.unfit.faults[0])
-    assert made.unfit.faults[1:] == ("channel floor_5: dead",)
-    assert said == [*made.unfit.faults[:asked], "excited"]
+    assert made.unfit.faults[1:] == ("channel floor_5: dead",) and said == ["excited"]

@@ -92,7 +92,7 @@ def test_every_unit_is_converted(tmp_path: Path, unit: str, in_m_s2: float) -> N
         ("cm/s", None),
         ("g (gal)", None),
         ("", None),
-        ("%g", None),
+        ("%g", "%g"),
     ],
 )
 def test_spellings_of_units(text: str, unit: str | None) -> None:

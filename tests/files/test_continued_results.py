@@ -14,7 +14,7 @@ import xarray
 
 from rths_cli.errors import InputError
 from rths_cli.files import result_writer
-from rths_cli.files.durable_files import part_of
+from rths_cli.files.durable_files import Stamp, part_of
 from rths_cli.files.result_reader import ResultWriter, read_result, read_series
 
 N = 3000
@@ -93,17 +93,22 @@ def test_a_disk_that_is_full_leaves_the_file_as_it_was(tmp_path: Path, monkeypat
 
 def test_hardware_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[tuple[str, str]] = []
-    real = os.replace
+    real = result_writer.publish
     monkeypatch.setattr(result_writer, "sync", lambda path: calls.append(("sync", path.suffix)))
-    monkeypatch.setattr(result_writer.os, "replace", lambda a, b: (calls.append(("replace", b.suffix)), real(a, b)))
+
+    def publish(part: Path, path: Path, seen: Stamp) -> Path:
+        calls.append(("rename", path.suffix))
+        return real(part, path, seen)
+
+    monkeypatch.setattr(result_writer, "publish", publish)
     path = begin(tmp_path / "a.h5")
-    assert calls == [("sync", ".part"), ("replace", ".h5"), ("sync", "")]
+    assert calls == [("sync", ".part"), ("rename", ".h5"), ("sync", "")]
     with ResultWriter(path, {}, continues=True) as writer:
         writer.finish("complete")
     assert calls[3:] == calls[:3]
     with ResultWriter(tmp_path / "virtual.h5", {"rig_kind": "virtual"}) as writer:
         writer.finish("complete")
-    assert calls[6:] == [("replace", ".h5")]  # a virtual run is repeated in seconds
+    assert calls[6:] == [("rename", ".h5")]  # a virtual run is repeated in seconds
 
 
 def test_a_continuation_that_is_killed_leaves_the_file_as_it_was_and_the_next_one_clears_up(tmp_path: Path) -> None:

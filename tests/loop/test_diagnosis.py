@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields, replace
 
 import faulty
@@ -116,6 +117,26 @@ def test_a_link_that_loses_samples_while_this_computer_is_late_is_told_so() -> N
     assert cause is not None and cause.what.startswith("this computer stalled (9 of "), cause
     assert cause.what.endswith("steps began late, the worst by 12 ms)")
     assert "raise limits.lost_samples" in cause.advice
+
+
+@pytest.mark.parametrize(("rate", "hz", "told"), [(12.0, 80.0, True), (0.0, 80.0, False), (-12.0, 80.0, False)])
+def test_an_oscillation_that_grows_in_the_loop_is_told_with_its_frequency(rate: float, hz: float, told: bool) -> None:
+    """A table that oscillates at 80 Hz, by 8 % more in each half cycle, beside a desired motion of 2 Hz."""
+    info, state, noise = faulty.bench_info(), fresh_guard(3), np.random.default_rng(5).standard_normal(400)
+    state.flags[1], state.flags[3] = TRACKING, 399
+    time = info.dt_s * np.arange(400)
+    desired, corrected = np.zeros((3, 400)), np.zeros((3, 400))
+    desired[0] = 0.2 * np.sin(4.0 * np.pi * time)
+    corrected[0] = desired[0] + np.exp(rate * (time - 0.2)) * 0.3 * np.sin(2.0 * np.pi * hz * time) + 3e-3 * noise
+    none = {part.name: np.zeros(0) for part in fields(Signals)}
+    log = Signals(**{**none, "desired": desired, "corrected": corrected, "command_v": time, "lost": 0.0 * time})
+    unknown = replace(faulty.blocks(), specimen=None)
+    assert unknown.lead_samples < 3  # by which the desired motion of the log is early
+    cause = cause_of(info, unknown, faulty.guard_of(info), state, log)
+    assert cause is not None
+    found = re.match(r"an oscillation of ([\d.]+) Hz grows in the loop of table and controller", cause.what)
+    assert (found is not None) == told, cause
+    assert found is None or float(found[1]) == pytest.approx(hz, rel=0.02)
 
 
 def test_a_sensor_that_kept_its_code_for_half_a_second_is_no_stall(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,7 +36,7 @@ from rths_cli.loop.step_arrays import EXCITATION, RECORD
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.description import Limits, RigInfo
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
 DT_S = 5e-4
@@ -494,6 +494,20 @@ def test_a_fast_command_stops_by_its_rate_before_its_velocity() -> None:
     assert np.abs(np.diff(sent)).max() <= 50.0 * DT_S * (1.0 + 1e-9)
 
 
+@pytest.mark.parametrize("limit", ["reach_m", "deviation_m"])
+def test_a_command_stops_where_the_run_at_hand_needs_no_more(limit: str) -> None:
+    """A ramp of 79 mm/s beside a desired displacement of zero."""
+    own = limits()._replace(**{limit: 5e-3})
+    ramp = 10.0 * DT_S * np.arange(300)
+    assert 0.0079 * ramp[-1] > 5e-3
+    sent, phase = answer(own, ramp)
+    first = int(np.flatnonzero(phase)[0])
+    room_m = 0.079**2 / 40.5 if limit == "reach_m" else 0.0
+    assert 0.0079 * ramp[first] == pytest.approx(5e-3 - room_m, abs=1.01 * 0.0079 * 10.0 * DT_S)
+    assert 0.0079 * np.abs(sent).max() <= 5e-3 + 0.079**2 / 40.5
+    assert answer(own, 0.9 * ramp[:first])[1][first - 1] == 0
+
+
 def test_a_channel_stops_at_its_own_level() -> None:
     lim = limits()._replace(abort=np.array([45.0, 45.0, 0.5]))
     samples = NOISE[:10].copy()
@@ -505,7 +519,8 @@ def test_a_channel_stops_at_its_own_level() -> None:
 
 def test_a_reason_names_what_was_seen_its_limit_and_key_and_what_to_do() -> None:
     """Those that only a loop in real time, or a rig file's own levels, can give."""
-    info = rig_info()
+    info = rig_info(limits=Limits(0.079, 1.0, 45.0, 445.0, tracking_error_m_s2=3.0))
+    info = replace(info, channels=(info.channels[0], replace(info.channels[1], abort=20.0), info.channels[2]))
     lim = limits()._replace(
         tracking_error=3.0, command_rate_v_s=100.0, energy_ratio=0.1, abort=np.array([45.0, 20.0, 45.0])
     )
@@ -530,6 +545,11 @@ def test_a_reason_names_what_was_seen_its_limit_and_key_and_what_to_do() -> None
         g.OVERRUN, 1.0, about=replace(info, overrun="stop")
     )
     assert told(g.OPERATOR) == "stopped by the operator"
+    lim = lim._replace(reach_m=0.0134, deviation_m=0.01, tracking_error=0.5, abort=np.full(3, 2.0))
+    assert "(0.014 m, the limit by the planned motion is 0.0134; rths check tells" in told(g.PLANNED_REACH, 0.014)
+    assert "(0.012 m, the limit by the planned motion is 0.01; rths check tells" in told(g.DEVIATION, 0.012)
+    assert "(0.6 m/s^2, the limit by the planned motion is 0.5; identify" in told(g.TRACKING, 0.6)
+    assert "2.1 m/s^2, the limit by the planned motion is 2; lower" in told(g.ACCELERATION, 2.1, 1)
     short = reason_of(info, lim._replace(command_v=5.0), _at(g.STROKE, 0.04), EXCITATION)
     assert short.endswith("(0.04 m, converters.range_v by nominal.gain_m_per_v is 0.0395)")
 

@@ -34,7 +34,11 @@ def test_nothing_stops_a_healthy_run(laboratory: Laboratory) -> None:
         ("one sample not a number", 0, "a sample or the command is not a number (channel floor_3"),
         ("table stops", 0, "the table does not follow, or the sensor of channel table is wrong"),
         ("amplifier offset", 3, "the motion asked for is too fast for the table, or the table does not follow"),
-        ("table sensor stuck", 10, "channels table and floor_2 do not fit each other: their sensors"),
+        (
+            "table sensor stuck",
+            10,
+            "channel table does not show the motion that the floors show: its sensor (its value does not change)",
+        ),
     ],
 )
 def test_the_part_that_fails_is_among_those_named_first(

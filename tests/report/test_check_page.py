@@ -167,6 +167,12 @@ def test_a_doubt_that_is_a_reason_is_told_once() -> None:
     assert text.count("are they in kg") == 1 and "another" in text
 
 
+def test_a_safe_case_with_a_doubted_number_is_safe_only_if_it_is_right() -> None:
+    found = replace(checked(), doubted=("table.limits.force_n",))
+    said = "safe if table.limits.force_n is right"
+    assert page(found).splitlines()[-1].endswith(said) and said.replace("safe ", "") in pages([found, checked()])
+
+
 def test_several_cases_end_with_a_line_each() -> None:
     text = pages([checked(), checked("unsafe", ("too large",), case="other")])
     last = text.rstrip("\n").splitlines()[-2:]

@@ -15,7 +15,7 @@ from udp_peer import PlainTarget
 from rths_cli.case.rig_schema import VirtualRigSpec
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.errors import RigError
-from rths_cli.numerics.lti import Array
+from rths_cli.rigs.contract import CLAUSES, contract, latency, played
 from rths_cli.rigs.interface import (
     COMPILED_LINK,
     COMPILED_PLANT,
@@ -36,13 +36,11 @@ Maker = Callable[..., Rig]
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of rig: how it is made, which latencies it can have, whether a seed names its noise, and how much of a
-    pulse its first sample shows (a deck on a spring begins to move gently)."""
+    """One kind of rig: how it is made, which latencies it can have, and whether a seed names its noise."""
 
     make: Maker
     latencies: tuple[int, ...]
     seeded: bool = True
-    begins_v: float = 0.1
 
 
 def virtual(latency_samples: int = 1, seed: tuple[int, ...] = (0, 1), bits: int = 16) -> VirtualRig:
@@ -73,7 +71,7 @@ def laboratory_kind() -> Kind:
     def make(latency_samples: int = 1, seed: tuple[int, ...] = (0, 1)) -> Rig:
         return virtual_rig(spec, rig_info(latency_samples=latency_samples), specimen(), 0.0, seed, True)
 
-    return Kind(make, (0, 1, 2, 4), begins_v=0.001)
+    return Kind(make, (0, 1, 2, 4))
 
 
 @pytest.fixture
@@ -129,89 +127,30 @@ def kind(request: pytest.FixtureRequest) -> Kind:
     return found
 
 
-def play(rig: Rig, command_v: Array) -> Array:
-    """Return the samples (n + 1, c) of a whole session: open, arm, exchange, rest, close, close again."""
-    rig.open()
-    samples = [rig.arm().copy()]
-    samples += [rig.exchange(float(command)).copy() for command in command_v]
-    rig.rest()
-    rig.close()
-    rig.close()
-    return np.array(samples)
+@pytest.mark.parametrize("clause", CLAUSES)
+def test_every_kind_keeps_the_contract(kind: Kind, clause: str) -> None:
+    assert CLAUSES[clause](kind.make) == ""
 
 
-def test_a_session_gives_one_row_of_samples_per_command(kind: Kind) -> None:
-    rig = kind.make()
-    samples = play(rig, 0.5 * np.sin(0.02 * np.arange(300)))
-    assert samples.shape == (301, len(rig.info.channels))
-    assert np.isfinite(samples).all()
-    assert np.ptp(samples, axis=0).min() > 0.05
-
-
-@pytest.mark.parametrize("latency", [0, 1, 2, 4])
-def test_the_declared_latency_is_true(kind: Kind, latency: int) -> None:
+@pytest.mark.parametrize("latency_samples", [0, 1, 2, 4])
+def test_the_declared_latency_is_true(kind: Kind, latency_samples: int) -> None:
     """A command of step k acts from t_(k + latency) on, so the first sample it changes is the next one."""
-    if latency not in kind.latencies:
+    if latency_samples not in kind.latencies:
         pytest.skip("a latency that this kind of rig cannot have")
-    pulse = np.zeros(30)
-    pulse[10] = 5.0
-    rig = kind.make(latency_samples=latency)
-    assert rig.info.latency_samples == latency
-    moved = np.abs(play(rig, pulse) - play(kind.make(latency_samples=latency), np.zeros(30)))[:, 0]
-    assert np.flatnonzero(moved)[0] == 10 + latency + 1
-    assert moved[10 + latency + 1] > kind.begins_v
-
-
-def test_arming_puts_the_table_at_rest_and_repeats_the_run(kind: Kind) -> None:
-    rig, command = kind.make(), 3.0 * np.sin(0.05 * np.arange(200))
-    first = play(rig, command)
-    assert np.array_equal(play(rig, command), first)
-    resting = play(rig, np.zeros(200)).mean(axis=0)  # a sensor may have an offset
-    assert np.abs(first[0] - resting).max() < 1e-3
-    assert np.abs(first - resting).max() > 0.1
+    rig = kind.make(latency_samples=latency_samples)
+    assert rig.info.latency_samples == latency_samples
+    assert latency(lambda: kind.make(latency_samples=latency_samples)) == ""
 
 
 def test_the_seed_decides_the_bytes(kind: Kind) -> None:
     if not kind.seeded:
         pytest.skip("a kind of rig without noise")
     command = 3.0 * np.sin(0.05 * np.arange(400))
-    same, again, other = (play(kind.make(seed=seed), command) for seed in ((7, 1), (7, 1), (7, 2)))
+    same, again, other = (played(kind.make(seed=seed), command) for seed in ((7, 1), (7, 1), (7, 2)))
     assert same.tobytes() == again.tobytes()
     different = same != other  # noise is a tenth of a bit
     assert 0.02 < different.mean() < 0.5
     assert np.abs(same - other).max() < 1.5 * kind.make().info.converters.step_v
-
-
-def test_samples_are_codes_of_the_converter_inside_its_range(kind: Kind) -> None:
-    """A command of full range jerks the table beyond 5 g: the samples stay codes, and inside +-range."""
-    rig = kind.make()
-    samples = play(rig, np.where(np.arange(400) % 40 < 20, 10.0, -10.0) * (np.arange(400) < 200))
-    converters = rig.info.converters
-    codes = samples / (2.0 * converters.range_v / 2**converters.bits)  # 0.305 mV
-    assert np.abs(codes - np.round(codes)).max() < 1e-9
-    assert codes.min() >= -(2 ** (converters.bits - 1))
-    assert codes.max() <= 2 ** (converters.bits - 1) - 1
-    assert np.unique(codes[:, 0]).size > 100
-
-
-def test_rest_and_close_are_safe_at_any_time(kind: Kind) -> None:
-    rig = kind.make()
-    rig.rest()
-    rig.close()
-    rig.open()
-    rig.rest()
-    rig.arm()
-    rig.exchange(1.0)
-    rig.rest()
-    rig.rest()
-    rig.close()
-    rig.rest()
-    rig.close()
-    rig.open()
-    again = np.array(rig.arm())
-    rig.rest()
-    rig.close()
-    assert again.shape == (len(rig.info.channels),) and np.isfinite(again).all()  # it can be used as before
 
 
 def test_a_rig_says_what_is_behind_its_driver(kind: Kind) -> None:
@@ -243,3 +182,76 @@ def test_a_driver_offers_compiled_loops_only_what_its_class_says() -> None:
     assert (simulated(own), linked(own), missed_intervals(own)) == (None, None, None)
     assert simulated(VirtualRig(own.info, own.plant, (1,))) is not None
     assert (VirtualRig.offers, UdpRig.offers, NiRig.offers) == ((COMPILED_PLANT,), (COMPILED_LINK,), (MISSED_EDGES,))
+
+
+class Broken:
+    """The virtual rig with one thing wrong."""
+
+    def __init__(self, wrong: str) -> None:
+        self._rig, self._wrong, self.info = virtual(), wrong, virtual().info
+        self._before = np.zeros(3)
+
+    def open(self) -> None:
+        self._rig.open()
+        self._opened = True
+
+    def arm(self) -> np.ndarray:
+        if self._wrong == "remembers":
+            self.__dict__.setdefault("_armed", 0)
+            self._armed += 1
+            return self._rig.arm() + 0.01 * self._armed
+        if self._wrong == "jumps":
+            return self._rig.arm() + 0.5
+        return self._rig.arm()
+
+    def exchange(self, command_v: float) -> np.ndarray:
+        samples = self._rig.exchange(command_v).copy()
+        if self._wrong == "late":
+            samples, self._before = self._before, samples
+        if self._wrong == "dead":
+            samples[1] = 0.0
+        if self._wrong == "nan":
+            samples[2] = np.nan
+        if self._wrong == "unrounded":
+            samples *= 1.0001
+        if self._wrong == "beyond":
+            samples *= 3.0
+        return samples
+
+    def rest(self) -> None:
+        if self._wrong == "rests once" and not getattr(self, "_opened", False):
+            raise RigError("bench: was never opened")
+        self._rig.rest()
+
+    def close(self) -> None:
+        self._rig.close()
+
+    @property
+    def told(self) -> str:
+        return self._wrong
+
+
+@pytest.mark.parametrize(
+    ("wrong", "clause", "said"),
+    [
+        ("late", "latency", "shows a latency of 2, not 1"),
+        ("dead", "session", "channel channel_1 shows 0 V of a motion that should show"),
+        ("nan", "session", "no finite numbers"),
+        ("remembers", "arming", "gave other samples than before"),
+        ("jumps", "arming", "V off the table at rest"),
+        ("unrounded", "codes", "no multiples of a bit"),
+        ("beyond", "codes", "is beyond the converter's range"),
+        ("rests once", "any_time", "was never opened"),
+        ("unknown driver", "driver", "states driver_verified 'maybe'"),
+    ],
+)
+def test_each_clause_finds_what_breaks_it(wrong: str, clause: str, said: str) -> None:
+    def make() -> Rig:
+        rig = Broken(wrong)
+        if wrong == "unknown driver":
+            rig.info = replace(rig.info, driver_verified="maybe")
+        return rig
+
+    broken = [(kept.clause, kept.fault) for kept in contract(make) if kept.fault]
+    named = {holds.__name__: name for name, holds in CLAUSES.items()}
+    assert named[clause] in dict(broken) and said in dict(broken)[named[clause]], broken

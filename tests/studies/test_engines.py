@@ -131,7 +131,7 @@ def test_parts_in_any_order_give_the_bytes_of_the_whole(
     rows = [np.asarray(read_part(path).numbers) for path in parts]
     assert sorted(np.concatenate(rows)) == list(range(1, ROWS + 1)) and {len(one) for one in rows} == {6, 7}
     for order in itertools.permutations(parts):
-        sweep, _ = merge_parts(order, tmp_path / "m.h5", True, "test")
+        sweep, *_ = merge_parts(order, tmp_path / "m.h5", True, "test")
         assert datasets(tmp_path / "m.h5") == datasets(inline.path)
         for name in ("status_reason", "exit_code", "plan_sha256", "seeds", "grid_points"):
             assert sweep.attributes[name] == inline.sweep.attributes[name], name
@@ -165,7 +165,7 @@ def test_parts_in_any_order_give_the_bytes_of_the_whole(
     other.write_bytes(parts[2].read_bytes())
     with h5py.File(other, "r+") as file:
         file["processor"][0] = "another"
-    merged, _ = merge_parts([*parts[:2], other], tmp_path / "m.h5", True, "test")
+    merged, *_ = merge_parts([*parts[:2], other], tmp_path / "m.h5", True, "test")
     assert "on processors of 2 kinds" in several_processors(merged) and not several_processors(inline.sweep)
     assert "is a whole sweep and no part of one" in refused(parts[0], inline.path)
     for name, words in (("plan_sha256", "a sweep of another case"), ("software_sha256", "another version of rths")):

@@ -263,7 +263,12 @@ def test_a_sweep_takes_the_place_of_a_sweep_alone(
     other = replace(request, asked=replace(request.asked, vary=(), seeds="1"))
     with pytest.raises(InputError, match="holds another sweep"):
         swept(replace(other, resume=True), tmp_path / "other.h5")
-    assert len(swept(other, tmp_path / "other.h5").sweep.seed) == 1
+    made = (tmp_path / "other.h5").read_bytes()
+    with pytest.raises(InputError, match=r"other\.h5: exists and holds another sweep .* or add --force to replace it"):
+        swept(other, tmp_path / "other.h5")
+    assert (tmp_path / "other.h5").read_bytes() == made
+    assert len(swept(replace(other, force=True), tmp_path / "other.h5").sweep.seed) == 1
+    assert len(swept(other, tmp_path / "other.h5").sweep.seed) == 1  # of the same plan
     with pytest.raises(InputError, match="no-replace"):
         swept(request, done.path, replace=False)
     (tmp_path / "text.h5").write_text("mine")

@@ -7,13 +7,16 @@ where a short gap allows it, bridged by `mend`. `choose` finds the channels an i
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import read_whole
+from rths_cli.files.foreign_texts import lost_scans
 from rths_cli.files.measured_data.channel_roles import Chosen, choose
+from rths_cli.files.measured_data.channel_starts import aligned, differ, shifts
 from rths_cli.files.measured_data.file_formats import READ, read_contents
 from rths_cli.files.measured_data.hdf5_files import write_recording
 from rths_cli.files.measured_data.missing_samples import mend, missing
@@ -34,8 +37,8 @@ def read_recording(path: Path, dt_s: float | None = None) -> Recording:
     """Read the channels of a file with their units and their interval; `dt_s` in s where the file does not state it.
 
     Gaps of whole samples in a time column become NaN, as do infinite samples. Raises InputError, with the line of a
-    text, for a file that is none of the formats, is damaged, holds channels of unequal length, an uneven time, no
-    interval, or one that contradicts `dt_s` by more than 1e-6.
+    text, for a file that is none of the formats, is damaged, holds channels of unequal length or of starts that cannot
+    be brought together, an uneven time, no interval, or one that contradicts `dt_s` by more than 1e-6.
     """
     path = Path(path)
     data = read_whole(path, MAX_BYTES, "a recording", f"give measured time histories: {READ}")
@@ -43,7 +46,13 @@ def read_recording(path: Path, dt_s: float | None = None) -> Recording:
     columns, time, faults = _time_and_channels(path, contents)
     clock: Clock | None = None
     interval = 0.0
-    faults += _length_faults(path, columns if time is None else (*columns, time))
+    if time is not None and differ(columns):
+        faults.append(
+            f"{path}: has a time column and states other starts of its channels ({shifts(columns)}); remove what is "
+            "not true, or export all channels with one start"
+        )
+    if time is not None or not differ(columns):
+        faults += _length_faults(path, columns if time is None else (*columns, time))
     try:
         if time is not None and not faults:
             with np.errstate(all="ignore"):  # absurd times overflow on the way to their sentence
@@ -54,9 +63,11 @@ def read_recording(path: Path, dt_s: float | None = None) -> Recording:
         faults += fault.faults
     if faults:
         raise InputError(*faults)
+    columns, lost = _without_lost_scans(columns)
+    columns, moved = aligned(path, columns, interval)
     samples, infinite = _without_infinite(columns, _spread(np.stack([c.values for c in columns]), clock))
     units, doubts = _units(columns, contents.exact)
-    notes = (*contents.notes, *(clock.notes if clock else ()), *doubts, *infinite)
+    notes = (*contents.notes, *(clock.notes if clock else ()), *lost, *moved, *doubts, *infinite)
     names = tuple(c.name for c in columns)
     return Recording(path, hashlib.sha256(data).hexdigest(), interval, names, units, samples, notes)
 
@@ -72,7 +83,8 @@ def _time_and_channels(path: Path, contents: Contents) -> tuple[tuple[Column, ..
         for c in long
     ]
     if any(not np.array_equal(times[0].values, other.values, equal_nan=True) for other in times[1:]):
-        faults.append(f"{path}: has {len(times)} time columns that differ; give one time for all channels")
+        starts = ", ".join(f"{time.name!r} starts at {time.values[0]:.9g}" for time in times if time.values.size)
+        faults.append(f"{path}: has {len(times)} time columns that differ ({starts}); give one time for all channels")
     if not channels:
         faults.append(f"{path}: holds no channel beside the time; give the command and the measured accelerations")
     return channels, times[0] if times else None, faults
@@ -96,6 +108,19 @@ def _spread(samples: Array, clock: Clock | None) -> Array:
     spread = np.full((samples.shape[0], int(clock.index[-1]) + 1), np.nan)
     spread[:, clock.index] = samples
     return spread
+
+
+def _without_lost_scans(columns: tuple[Column, ...]) -> tuple[tuple[Column, ...], list[str]]:
+    """Return the channels with NaN where a recorder wrote -9999 for a lost scan, and a sentence for each with any."""
+    found, notes = [], []
+    for column in columns:
+        lost = lost_scans(column.values)
+        if lost.any():
+            count = int(lost.sum())
+            which = "1 sample reads" if count == 1 else f"{count} samples read"
+            notes.append(f"{column.name}: {which} exactly -9999, as recorders write for lost scans; taken as missing")
+        found.append(replace(column, values=np.where(lost, np.nan, column.values)) if lost.any() else column)
+    return tuple(found), notes
 
 
 def _without_infinite(columns: tuple[Column, ...], samples: Array) -> tuple[Array, list[str]]:

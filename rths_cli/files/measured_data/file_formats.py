@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 import logging
 import logging.handlers
+import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,10 @@ from rths_cli.files.sandboxed_reading import survives
 from rths_cli.safe_text import shortened, visible
 
 READ = "CSV or text, MATLAB .mat, HDF5 or TDMS"
+_TDMS_SCALES = (
+    "Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract", "AdvancedAPI",
+)  # fmt: skip
+_SCALE_TYPE = re.compile(r"NI_Scale\[\d+\]_Scale_Type")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _OTHERS = {
     b"TDSh": "is the index of a TDMS file; give the .tdms file beside it",
@@ -126,24 +131,57 @@ def _tdms(path: Path, data: bytes) -> Contents:
             f'{path}: is a TDMS file, for which a reader is missing; install it: pip install "rths-cli[tdms]"'
         ) from None
     with _quiet("nptdms") as complaints:
-        file = TdmsFile.read(io.BytesIO(data))
-    channels = [channel for group in file.groups() for channel in group.channels()]
-    names = [channel.name for channel in channels]
+        file = TdmsFile.read(io.BytesIO(data), raw_timestamps=True)
+        _refuse_unknown_scalings(path, file)
+        channels = [(channel, np.asarray(channel[:])) for group in file.groups() for channel in group.channels()]
+    names = [channel.name for channel, _ in channels]
+    times = [getattr(channel.properties.get("wf_start_time"), "seconds", 0) for channel, _ in channels]
+    epoch_s = max(times, default=0)
     columns, intervals, ignored = [], [], []
-    for channel in channels:
+    for channel, values in channels:
         name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
-        values = np.asarray(channel[:])
         if values.dtype.kind not in "iuf" or values.size == 0:
             ignored.append(name)
             continue
-        columns.append(Column(name, values.astype(np.float64), str(channel.properties.get("unit_string", ""))))
-        if "wf_increment" in channel.properties:
-            intervals.append((f"wf_increment of {name}", float(channel.properties["wf_increment"])))
+        stated = {**file.properties, **file[channel.group_name].properties, **channel.properties}
+        unit = str(stated.get("unit_string", ""))
+        columns.append(Column(name, values.astype(np.float64), unit, _tdms_start(stated, epoch_s)))
+        if "wf_increment" in stated:
+            intervals.append((f"wf_increment of {name}", float(stated["wf_increment"])))
     if not columns:
         raise InputError(f"{path}: holds no channel of numbers; give a TDMS file with measured channels")
     notes = [f"not used, because they are no series: {listed(ignored)}"] if ignored else []
     notes += [f"the TDMS file is damaged ({complaint}); what could be read is used" for complaint in complaints[:1]]
     return Contents(tuple(columns), tuple(intervals), tuple(notes))
+
+
+def _tdms_start(stated: Mapping[str, Any], epoch_s: int) -> float | None:
+    """Return the start of a channel in s after `epoch_s`: its start time and start offset; None for a channel without
+    a start time beside others that have one (`epoch_s` is 0 where none has: then offsets alone count)."""
+    time, offset = stated.get("wf_start_time"), float(stated.get("wf_start_offset", 0.0))
+    seconds = getattr(time, "seconds", 0)  # 0: LabVIEW writes it where the start is not known
+    if not seconds:
+        return None if epoch_s else offset
+    return (seconds - epoch_s) + getattr(time, "second_fractions", 0) * 2.0**-64 + offset
+
+
+def _refuse_unknown_scalings(path: Path, file: Any) -> None:
+    """Raise InputError for channels whose scaling the library does not know and would leave out without a word."""
+    faults = []
+    for channel in (channel for group in file.groups() for channel in group.channels()):
+        for stated in (channel.properties, file[channel.group_name].properties, file.properties):
+            kinds = {key: str(stated[key]) for key in stated if _SCALE_TYPE.fullmatch(key)}
+            if not kinds:
+                continue
+            unknown = sorted({kind for kind in kinds.values() if kind not in _TDMS_SCALES})
+            if unknown and stated.get("NI_Scaling_Status", "unscaled") != "scaled":
+                faults.append(
+                    f"{path}: channel {channel.name!r} is stored unscaled, with a scaling of the kind "
+                    f"{', '.join(unknown)} that is not known here ({', '.join(_TDMS_SCALES)} are); export it scaled"
+                )
+            break
+    if faults:
+        raise InputError(*faults)
 
 
 @contextmanager

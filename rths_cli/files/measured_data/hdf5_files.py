@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -12,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import make_folder, part_of
+from rths_cli.files.durable_files import make_folder, part_of, publish
 from rths_cli.files.hdf5 import Dataset, write_group
-from rths_cli.files.hdf5_heaps import check_heaps
+from rths_cli.files.hdf5_opening import RESTORE, Wanted, opened
 from rths_cli.files.hdf5_safety import LayoutError, check_storage, held, part, size_of, values_of
+from rths_cli.files.measured_data.channel_starts import numbers_of, states_start
 from rths_cli.files.measured_data.named_variables import Variable, contents_of
 from rths_cli.files.measured_data.recording import Column, Contents, Recording
 from rths_cli.files.measured_data.sample_interval import stated_interval
@@ -29,12 +29,14 @@ FORMAT = "rths-recording"
 FORMAT_VERSION = 1
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit", "UNITS", "unit_string")
 _DEEPEST = 8
+RECORDING = Wanted("file of measured time histories", "is not an HDF5 file; give measured time histories", RESTORE)
 
 
-def write_recording(path: Path, recording: Recording) -> None:
+def write_recording(path: Path, recording: Recording) -> Path:
     """Write a recording to HDF5 so that `read_recording` returns names, units, interval, samples, notes bit for bit.
 
-    The file appears under its name only when it is whole. Raises InputError where the disk refuses.
+    The file appears under its name only when it is whole. It replaces nothing: where there is a file of that name, it
+    gets the next free one. Returns the name; raises InputError where the disk refuses.
     """
     path = Path(path)
     part = part_of(path)
@@ -42,7 +44,7 @@ def write_recording(path: Path, recording: Recording) -> None:
         make_folder(path.parent)
         with new_hdf5(part) as file:
             _fill(file, recording)
-        os.replace(part, path)
+        return publish(part, path, None)
     except (OSError, RuntimeError) as error:
         sentence = refusal(path, "cannot write the recording", error, advice=False)
         raise InputError(f"{sentence.rstrip('.')}; free space or choose another name") from error
@@ -70,10 +72,7 @@ def _fill(file: h5py.File, recording: Recording) -> None:
 
 def hdf5_contents(path: Path) -> Contents:
     """Return what an HDF5 file holds; raise InputError for the project's other files and files without series."""
-    import h5py
-
-    check_heaps(path)
-    with h5py.File(path, "r") as file:
+    with opened(path, RECORDING) as file:
         kind = _text(_held(file, "format", ""))
         if kind == FORMAT:
             return _own(path, file)
@@ -134,7 +133,7 @@ def _variable(path: Path, file: h5py.File, node: h5py.Dataset) -> Variable:
     if h5py.check_string_dtype(node.dtype) is not None:
         return Variable([str(text) for text in np.atleast_1d(node.asstr()[()]).reshape(-1)])
     numeric = node.dtype.kind in "iuf" and kind != "logical"
-    return Variable(np.asarray(node[()]) if numeric else None, unit, _rates(node))
+    return Variable(np.asarray(node[()]) if numeric else None, unit, _rates(node), _starts(node))
 
 
 def _cell_texts(file: h5py.File, node: h5py.Dataset) -> list[str] | None:
@@ -161,6 +160,17 @@ def _rates(node: h5py.HLObject) -> dict[str, float]:
     stating = [name for name in node.attrs if stated_interval(name, 1.0) is not None]
     numbers = {name: np.asarray(_held(node, name, np.nan)).reshape(-1) for name in stating}
     return {key: float(v[0]) for key, v in numbers.items() if v.size == 1 and v.dtype.kind in "iuf"}
+
+
+def _starts(node: h5py.HLObject) -> tuple[float, ...]:
+    """Return the starts in s that attributes state, one or one per channel, () where none does."""
+    stated = [numbers_of(_plain(_held(node, name, None))) for name in node.attrs if states_start(name)]
+    return next((starts for starts in stated if starts), ())
+
+
+def _plain(value: Any) -> Any:
+    """Return an attribute's single text as text."""
+    return _text(value) if isinstance(value, bytes | str) or np.asarray(value).dtype.kind in "SUO" else value
 
 
 def _held(node: h5py.HLObject, name: str, otherwise: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
+from rths_cli.files.measured_data.channel_starts import MOST, numbers_of, states_start
 from rths_cli.files.measured_data.recording import Column, Contents, listed
 from rths_cli.files.measured_data.sample_interval import stated_interval
 from rths_cli.numerics.lti import Array
@@ -24,11 +25,13 @@ _SHORT = 0.01
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable: numbers, a list of texts, or anything else (None); `unit` and `interval_s` as stated beside it."""
+    """One variable: numbers, a list of texts, or anything else (None); `unit`, intervals and starts (in s, one, or one
+    per channel of a matrix) as stated beside it."""
 
     value: NDArray[Any] | list[str] | None
     unit: str = ""
     attributes: Mapping[str, float] = field(default_factory=dict)
+    starts_s: tuple[float, ...] = ()
 
 
 def contents_of(path: Path, variables: Mapping[str, Variable]) -> Contents:
@@ -41,18 +44,35 @@ def contents_of(path: Path, variables: Mapping[str, Variable]) -> Contents:
     ignored = [short[key] for key, v in variables.items() if v.value is None]
     columns: list[Column] = []
     intervals: list[tuple[str, float]] = []
+    beside = {key.rpartition("/")[0]: numbers_of(v.value) for key, v in variables.items() if _is_start(key, v)}
     for key, variable in variables.items():
         if not isinstance(variable.value, np.ndarray):
             continue
         name, array = short[key], np.squeeze(variable.value)
         intervals += _intervals(name, variable)
+        starts = variable.starts_s or beside.get(key.rpartition("/")[0], ())
+        if states_start(_leaf(name)) and array.ndim < 2 and array.size < MOST:
+            continue
         if array.ndim == 1 and array.size > 1:
-            columns.append(Column(name, _floats(array), variable.unit))
+            columns += _started(path, [Column(name, _floats(array), variable.unit)], starts)
         elif array.ndim == 2 and array.size:
-            columns += _matrix(path, name, array, texts)
+            columns += _started(path, _matrix(path, name, array, texts), starts)
         elif array.size != 1 or stated_interval(_leaf(name), 1.0) is None:
             ignored.append(name)
     return _without_short(path, columns, intervals, ignored)
+
+
+def _is_start(key: str, variable: Variable) -> bool:
+    """Say whether a variable states the starts of the channels beside it."""
+    return states_start(_leaf(key)) and variable.value is not None and np.size(variable.value) < MOST
+
+
+def _started(path: Path, columns: list[Column], starts: tuple[float, ...]) -> list[Column]:
+    """Return columns with their starts, one for all or one for each."""
+    if len(starts) not in (0, 1, len(columns)):
+        raise InputError(f"{path}: states {len(starts)} starts of {len(columns)} channels; give one per channel")
+    each = starts * len(columns) if len(starts) == 1 else starts or (None,) * len(columns)
+    return [replace(column, start_s=start) for column, start in zip(columns, each, strict=True)]
 
 
 def _without_short(

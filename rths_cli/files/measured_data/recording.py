@@ -30,11 +30,15 @@ class Recording:
 
 @dataclass(frozen=True)
 class Column:
-    """One series of a file: its name, its figures (n,), and the unit stated beside the name, "" if none."""
+    """One series of a file: its name, its figures (n,), and the unit stated beside the name, "" if none.
+
+    `start_s`: when its first sample was taken, in s on a clock that all channels share; None where nothing states it.
+    """
 
     name: str
     values: Array
     unit: str = ""
+    start_s: float | None = None
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
+from rths_cli.files.foreign_texts import rounded_times
 from rths_cli.files.measured_data.recording import Column, Contents, place
 from rths_cli.files.measured_data.units import time_factor
 from rths_cli.numerics.lti import Array
@@ -55,6 +56,13 @@ def read_clock(path: Path, contents: Contents, column: Column) -> Clock:
     if factor is None:
         raise InputError(f"{path}: the unit of {column.name!r} is not s, ms or us; give the time in s")
     time = column.values
+    if (digit := rounded_times(time)) is not None:
+        steps = np.diff(time)
+        row = int(np.argmax(np.abs(steps - np.median(steps)) > 0.25 * digit)) + 1
+        raise InputError(
+            f"{place(path, contents, row)}: {column.name!r} has too few digits: it is even but rounded to {digit:g}; "
+            "write it with more, or remove the column and give --rate"
+        )
     _check_order(path, contents, column.name, time)
     steps = np.diff(time) / _usual_step(time)
     _check_steps(path, contents, column.name, steps)

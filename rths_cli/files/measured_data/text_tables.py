@@ -5,13 +5,15 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import repeat
 from pathlib import Path
 
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.files.foreign_texts import format_of, is_date
+from rths_cli.files.measured_data.channel_starts import states_start
 from rths_cli.files.measured_data.recording import Column, Contents
 from rths_cli.files.measured_data.sample_interval import stated_interval
 from rths_cli.files.measured_data.units import is_unit
@@ -39,6 +41,7 @@ class Layout:
     names: tuple[str, ...]
     units: tuple[str, ...]
     intervals_s: tuple[tuple[str, float], ...]
+    starts_s: tuple[float | None, ...]  # of each column, None where no line above states any
 
 
 def text_contents(path: Path, text: str) -> Contents:
@@ -51,6 +54,9 @@ def text_contents(path: Path, text: str) -> Contents:
     long = next((k for k, line in enumerate(lines, 1) if len(line) > _LONGEST_LINE), None)
     if long is not None:
         raise InputError(f"{path}:{long}: {len(lines[long - 1])} characters in a line, at most {_LONGEST_LINE}; cut it")
+    foreign = format_of(lines)
+    if foreign and not foreign.startswith("is a LabVIEW"):  # which is read where its names fit its columns
+        raise InputError(f"{path}: {foreign}")
     while lines and not lines[-1].strip(" ,;\t"):
         lines.pop()
     layout = _layout(path, lines)
@@ -58,15 +64,17 @@ def text_contents(path: Path, text: str) -> Contents:
     rows = _one_decimal_mark(path, [lines[k] for k in kept], kept, layout.separator)
     _check_lengths(path, rows, kept, layout)
     values = _numbers(path, rows, kept, layout)
-    columns = [Column(*stated) for stated in zip(layout.names, values.T, layout.units, strict=True)]
+    columns = [Column(*each) for each in zip(layout.names, values.T, layout.units, layout.starts_s, strict=True)]
     columns = [c for c in columns if c.name or not np.isnan(c.values).all()]
-    named = [c if c.name else Column(f"column {k}", c.values, c.unit) for k, c in enumerate(columns, 1)]
+    named = [c if c.name else replace(c, name=f"column {k}") for k, c in enumerate(columns, 1)]
     return Contents(tuple(named), layout.intervals_s, line_of=lambda row: kept[row] + 1)
 
 
 def _layout(path: Path, lines: list[str]) -> Layout:
     """Find the first row of numbers and read what stands above it."""
     index = next((k for k, line in enumerate(lines[:_HEADER_LINES]) if _is_row(line)), None)
+    if index is None and (dated := _dated(path, lines)):
+        raise InputError(dated)
     if index is None:
         raise InputError(
             f"{path}: no row of numbers in the first {_HEADER_LINES} lines; give names in the first line, then one row "
@@ -76,10 +84,50 @@ def _layout(path: Path, lines: list[str]) -> Layout:
     count = len(_cells(lines[index], separator))
     above = [(number, line) for number, line in enumerate(lines[:index], 1) if line.strip()]
     intervals = [stated for number, line in above if (stated := interval_in_line(number, line))]
+    intervals += [each for number, line in above for each in _intervals_of_columns(number, line, separator)]
+    starts = next((found for _, line in above if (found := _starts(line, separator, count))), (None,) * count)
     above = [(number, line) for number, line in above if not interval_in_line(number, line)]
     _check_above(path, above, separator, count)
     names, units = _names(path, above, separator, count)
-    return Layout(separator, index, names, units, tuple(intervals))
+    return Layout(separator, index, names, units, tuple(intervals), starts)
+
+
+def _of_columns(line: str, separator: str | None) -> tuple[str, list[float | None]]:
+    """Return the name of a line such as `X0 <tab> 0,0 <tab> 0,0015` and a number for each column after the first, None
+    for a cell that is none; no numbers where the line states fewer than two."""
+    name, *cells = _cells(line.lstrip("#% "), separator) or [""]
+    numbers = [_number(text) if _is_number(text := cell.replace(",", ".")) else None for cell in cells]
+    numbers = [None if number is None or np.isnan(number) else number for number in numbers]
+    return name, numbers if sum(number is not None for number in numbers) > 1 else []
+
+
+def _intervals_of_columns(number: int, line: str, separator: str | None) -> list[tuple[str, float]]:
+    """Return the intervals in s that a line such as LabVIEW's `Delta_X` states, one per column."""
+    name, values = _of_columns(line, separator)
+    key = "dt" if name.lower().replace("_", "") == "deltax" else name
+    found = [stated_interval(key, value) for value in values if value is not None]
+    return [(f"line {number} ({name})", interval) for interval in found if interval is not None]
+
+
+def _starts(line: str, separator: str | None, count: int) -> tuple[float | None, ...]:
+    """Return the starts in s of `count` columns, the first of which is the time, that a line such as LabVIEW's `X0`
+    states; () for any other line."""
+    name, values = _of_columns(line, separator)
+    return (None, *values, *(None,) * count)[:count] if values and states_start(name) else ()
+
+
+def _dated(path: Path, lines: list[str]) -> str:
+    """Return a sentence on the first row whose cells are numbers but for a date or a time of day, "" without one."""
+    for number, line in enumerate(lines[:_HEADER_LINES], 1):
+        cells = _cells(line, _separator(line))
+        dates = [cell for cell in cells if is_date(cell)]
+        others = [cell for cell in cells if not is_date(cell)]
+        if dates and others and all(map(_is_number, others)):
+            return (
+                f"{path}:{number}: column {cells.index(dates[0]) + 1} holds dates or times of day ({dates[0][:40]!r}); "
+                "give the time in s from the start, or remove the column and give --rate"
+            )
+    return ""
 
 
 def _is_row(line: str) -> bool:

@@ -4,36 +4,32 @@ from __future__ import annotations
 
 import re
 
-from rths_cli.files.accelerograms import FACTORS_M_S2, find_unit
-from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
+from rths_cli.files.accelerograms import AMBIGUOUS, FACTORS_M_S2, find_unit
 
 FACTORS: dict[str, tuple[float, str]] = {
     "V": (1.0, "V"),
     "mV": (0.001, "V"),
-    "mg": (0.001 * STANDARD_GRAVITY_M_S2, "m/s^2"),
     **{unit: (factor, "m/s^2") for unit, factor in FACTORS_M_S2.items()},
 }
 """Units of a channel: the factor to V or m/s^2, and which of the two."""
 
 _TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 _VOLT = {"v": "V", "volt": "V", "volts": "V", "mv": "mV", "millivolt": "mV", "millivolts": "mV"}
-_AMBIGUOUS = {"MV", "Mv", "MG", "Mg", "mG"}  # megavolt, megagram, milligauss
-_PER_S2 = re.compile(r"(m|cm|mm|in)[_ ·*.]?s(?:\^|\*\*)?(?:-?2|²|⁻²)", re.IGNORECASE)
-_BRACKETS = re.compile(r"\s*[(\[]([^()\[\]]*)[)\]]\s*$")
-_SUFFIX = re.compile(r"[_\s]+((?:m|cm|mm|in)[_/]?s\^?2|m?v|m?g|gal)$", re.IGNORECASE)
+_PER_S2 = re.compile(r"(m|cm|mm|in|ft)[_ ·*.]?s(?:\^|\*\*)?(?:-?2|²|⁻²)", re.IGNORECASE)
+_BRACKETS = re.compile(r"\s*[(\[]([^()\[\]:]*)[)\]]\s*$")  # `data(:,1)` is a column of a matrix
+_SUFFIX = re.compile(r"[_\s]+((?:m|cm|mm|in|ft)[_/]?s\^?2|m?v|m?g|gal)$", re.IGNORECASE)
 _TIME_SUFFIX = re.compile(r"[_\s]+(s|sec|ms|us)$", re.IGNORECASE)
 _TIME_NAMES = {"time", "t", "timestamp", "elapsedtime", "relativetime", "xvalue"}
 _FILLERS = {"accel", "acceleration", "accelerometer", "acc", "abs", "absolute", "measured", "signal"}
 _ALIASES = {"cmd": "command", "drive": "command", "u": "command", "base": "table", "shaketable": "table"}
+_PLACES = {*_ALIASES, *_ALIASES.values(), "floor", "storey", "story"}
 
 
 def canonical_unit(text: str) -> str:
     """Return the one spelling of a unit (a key of FACTORS), "" where it is unknown or its case leaves a doubt."""
     word = text.strip().removeprefix("[").removeprefix("(").removesuffix("]").removesuffix(")").strip()
-    if word in _AMBIGUOUS:
+    if word in AMBIGUOUS:
         return ""
-    if word == "mg":
-        return word
     match = _PER_S2.fullmatch(word)
     return _VOLT.get(word.lower()) or find_unit(f"{match[1]}/s2" if match else word) or ""
 
@@ -67,8 +63,10 @@ def time_factor(name: str, stated: str) -> float | None:
 
 
 def is_time(name: str) -> bool:
-    """Say whether a column's name is that of the time."""
-    return "".join(_words(_TIME_SUFFIX.sub("", _BRACKETS.sub("", name)))) in _TIME_NAMES
+    """Say whether a column's name is that of the time, of all channels or of one (`table time (s)`, `time_command`)."""
+    words = _words(_TIME_SUFFIX.sub("", _BRACKETS.sub("", name)))
+    of_one = len(words) > 1 and (words[-1] == "time" or (words[0] == "time" and words[1] in _PLACES))
+    return "".join(words) in _TIME_NAMES or of_one
 
 
 def is_unit(text: str) -> bool:

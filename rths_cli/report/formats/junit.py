@@ -9,6 +9,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from rths_cli.analysis.accept_limits import Judged
 from rths_cli.files.result_reader import Result
+from rths_cli.report.answer import verdict
 from rths_cli.report.baseline_comparison import WORSE, CaseChanges, told
 from rths_cli.report.input_files import Unread
 from rths_cli.report.judged_limits import judge
@@ -65,6 +66,7 @@ def junit(
 def _suite(result: Result) -> Suite:
     a = result.attributes
     known = [(key, str(a[key])) for key in PROPERTIES if a.get(key) not in (None, "")]
+    known.append(("verdict", verdict(result)))
     stamp = str(a.get("created_utc", "")).removesuffix("Z")
     stamp = stamp if INSTANT.fullmatch(stamp) else NEVER
     return Suite(_name(result), stamp, (("file", str(result.path)), *known), tuple(_tests(result)))

@@ -192,6 +192,7 @@ ABOUT = {
     "sample_rate_hz": "sample rate (Hz)",
     "record_name": "record",
     "record_sha256": "record, SHA-256",
+    "record_baseline": "removed from the record",
     "model_sha256": "table model, SHA-256",
     "model_source": "table model from",
     "overrides": "overrides",

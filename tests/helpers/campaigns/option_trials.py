@@ -44,6 +44,7 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "structure": ("three_storey",),
     "list": ("structures",),
     "schema": (),
+    "plugin": ("test", "nowhere"),
     "new": ("new.yaml",),
     "doctor": ("--seconds", "0.1", "--rate", "100"),
     "serve": ("--port", "0", "--seconds", "0.1"),

@@ -159,7 +159,8 @@ def _near_fault(time_s: Array, random: np.random.Generator) -> Array:
     """Return a velocity pulse of 1.6 s (Mavroeidis and Papageorgiou 2003, in shape), a little noise, a quiet tail."""
     late = time_s - 5.0
     pulse = np.cos(2.0 * np.pi * 0.6 * late) * np.where(np.abs(late) < 1.7, 1.0 + np.cos(np.pi * late / 1.7), 0.0)
-    return np.gradient(0.3 * pulse, time_s) + 0.1 * _noise(time_s, random, 0.5, 12.0) * np.exp(-time_s / 3.0)
+    rise = np.minimum(time_s / 0.5, 1.0)
+    return np.gradient(0.3 * pulse, time_s) + 0.1 * rise * _noise(time_s, random, 0.5, 12.0) * np.exp(-time_s / 3.0)
 
 
 def _long(time_s: Array, random: np.random.Generator) -> Array:

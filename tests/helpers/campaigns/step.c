@@ -52,6 +52,7 @@ typedef struct {
   Array force_weights, saturation_v, stuck, abort;
   double command_rate_v_s, energy_ratio, energy_floor_j;
   FurtherLimits further;
+  double reach_m, deviation_m;
 } GuardLimits;
 typedef struct { Integers flags; Array motion, codes, expected_at, moved; Integers same; Array slip, energy, seen; int64_t actuators[ACTUATORS], axes[AXES]; Array compared; } GuardState;
 
@@ -74,7 +75,7 @@ typedef struct { Array columns; Integers done; int64_t truths, lean; } Log;
 enum { EXCITATION, RECORD, NUMERICAL };
 enum { STAMPED = 16 }; /* steps per look at the time */
 enum { RUNNING, BRAKING, RETURNING, STOPPED };
-enum { NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK, RATE, ENERGY };
+enum { NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK, RATE, ENERGY, PLANNED_REACH = 24, DEVIATION };
 
 /* in the order of step_in_c.py: a change of a NamedTuple must not go unseen */
 const int64_t sizes[] = {sizeof(Plant), sizeof(PlantState), sizeof(Step), sizeof(GuardLimits), sizeof(GuardState), sizeof(Log)};
@@ -287,7 +288,7 @@ INLINE int check_samples(const GuardLimits *lim, const GuardState *g, const Step
 
 INLINE double farthest(const GuardLimits *lim) { return least(lim->stroke_m, lim->gain_m_per_v * lim->command_v); }
 
-INLINE int check_command(const GuardLimits *lim, const GuardState *g, int64_t a, double command) {
+INLINE int check_command(const GuardLimits *lim, const GuardState *g, int64_t a, double command, double desired_m) {
   if (!isfinite(command)) return NOT_A_NUMBER;
   if (fabs(command) > lim->command_v) return beyond(g, fabs(command), COMMAND);
   const double place = lim->gain_m_per_v * command, velocity = (place - g->motion.at[a]) / lim->dt_s;
@@ -295,7 +296,9 @@ INLINE int check_command(const GuardLimits *lim, const GuardState *g, int64_t a,
   if (fabs(velocity) > lim->gain_m_per_v * lim->command_rate_v_s) return beyond(g, fabs(velocity) / lim->gain_m_per_v, RATE);
   const double braked = place + 0.5 * velocity * fabs(velocity) / (brake_share * lim->acceleration_m_s2);
   const double reached = most(fabs(place), fabs(braked));
-  return reached > farthest(lim) ? beyond(g, reached, STROKE) : NONE;
+  if (reached > farthest(lim)) return beyond(g, reached, STROKE);
+  if (reached > lim->reach_m) return beyond(g, reached, PLANNED_REACH);
+  return fabs(place - desired_m) > lim->deviation_m ? beyond(g, fabs(place - desired_m), DEVIATION) : NONE;
 }
 
 INLINE int check_errors(const GuardLimits *lim, const GuardState *g, const double *error) {
@@ -358,7 +361,7 @@ INLINE void guard(const GuardLimits *lim, const GuardState *g, const Step *s) {
   if (g->flags.at[0] == RUNNING) {
     int reason = check_samples(lim, g, s);
     for (int64_t a = 0; a < commands; a++)
-      if (reason == NONE) reason = check_command(lim, g, a, command[a]);
+      if (reason == NONE) reason = check_command(lim, g, a, command[a], a < AXES ? s->motion.at[2 * AXES + a] : 0.0);
     if (reason == NONE) reason = check_errors(lim, g, s->error.at);
     if (reason == NONE) reason = check_energy(lim, g, s);
     if (reason == NONE) {

@@ -14,6 +14,8 @@ from rths_cli.errors import InputError, RigError
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import COUNTED_CLOCK, Rig, RigInfo
 
+RTHS_INTERFACE = 2  # the version of the interface of rigs that this package is written for
+
 
 def make(info: RigInfo, options: Mapping[str, object]) -> Rig:
     """Return the rig of a rig file; raises InputError for options that are not ours.

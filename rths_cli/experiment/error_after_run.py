@@ -1,0 +1,383 @@
+"""The true error of a hybrid test after its run: median and 95 % bound, by what the run itself measured.
+
+The true error is the RMS in the test band of the true accelerations against SIM of the declared computed storeys below
+the specimen that stood there during the run. It is made of the loop's error, which the run shows whatever the specimen
+is (experiment/measured_error.py), of what sensors cannot show (the calibration's covariance), of pitch, and of what the
+run does not tell of its specimen. That one is fitted to the run's own table and floors; where it is another one than
+the identified, by more than both uncertainties and the level explain, it is the reference's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.analysis.error_budget import at_full_rate
+from rths_cli.analysis.references import reference_of
+from rths_cli.analysis.sim_fourier_lines import sim_lines
+from rths_cli.analysis.true_error import (
+    MeasuredError,
+    TrueError,
+    errors_by_calibration,
+    gram,
+    products,
+    true_error_of_run,
+)
+from rths_cli.control.numerical_substructure import all_storeys
+from rths_cli.errors import InputError
+from rths_cli.experiment import run_metrics
+from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
+from rths_cli.experiment.measured_error import loop_error, residual_of_computed_storeys
+from rths_cli.identification.identify_specimen import without_staircase
+from rths_cli.identification.specimen_fit import Motion, Start, fit_stretches, least_samples
+from rths_cli.loop.block_replay import run_block
+from rths_cli.loop.lost_samples import MIXED, without_samples
+from rths_cli.structure import Building, Specimen, modal_damping_matrix, storey_matrix, storey_values
+from rths_cli.structure.tangents import on_specimen
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from rths_cli.experiment.check import Uncertain
+    from rths_cli.experiment.one_table_run import Run
+    from rths_cli.experiment.run_signals import Series
+    from rths_cli.identification.results import SpecimenFit
+    from rths_cli.numerics.lti import Array
+    from rths_cli.quantities import Values
+
+RUN = "exp_rths"
+CHANGED = 3.0  # standard uncertainties from which the specimen has changed since the identification
+TELLS = 0.2  # largest relative standard uncertainty of a stiffness in the run that tells whether the specimen changed
+MOST_UNEXPLAINED = 0.1  # of the floors' motion: what a chain of storeys on the measured table may leave unexplained
+OF_IDENTIFIED = 3.0  # times what it left at the identification: the same limit of a specimen that is no such chain
+AFTER_GAP = 3  # samples after a gap that tell what the table did in it
+GAP_ERROR = 0.3  # standard uncertainty of what is reconstructed of gaps, over what it changes
+BELOW_FIRST = 0.5  # the lines of the fit begin at this fraction of the specimen's first natural frequency or lower
+
+
+@dataclass(frozen=True)
+class AfterRun:
+    """What is known of a test's true error after its run: its distribution, or why there is none; metrics by path."""
+
+    values: Values = field(default_factory=dict)
+    true_error: TrueError | None = None
+    why_none: str = ""
+
+
+@dataclass(frozen=True)
+class FoundSpecimen:
+    """The specimen by the run's own records, relative to the identified one."""
+
+    change: Array  # (n,) relative change of the storeys' stiffnesses
+    error: Array  # (n,) its standard uncertainty, that of the identified stiffness and of its level included
+    best: Array  # (n,) relative change by the run and by what is known before it
+    best_error: Array  # (n,) its standard uncertainty
+    damping_ratio: Array  # (n,) modal
+    unexplained: float  # rms of the floors' motion that it leaves, over that motion
+
+    @property
+    def changed(self) -> bool:
+        """Return whether a storey has changed since the identification."""
+        return bool(np.any(np.abs(self.change) > CHANGED * self.error))
+
+
+def error_after_run(uncertain: Uncertain | None, run: Run) -> AfterRun:
+    """Return what a run tells of its true error.
+
+    `uncertain`: None where the check could not predict the loop.
+    """
+    reported = run.abs_accel_m_s2
+    if run.stopped is not None or reported is None:
+        return AfterRun()
+    if uncertain is None:
+        return AfterRun(why_none="the check predicts no stable loop, so that nothing is known of what sensors hide")
+    if not np.isfinite(reported).all():
+        return AfterRun(why_none="the motion of some storeys is not known")
+    values: dict[str, ArrayLike] = of_declaration(uncertain)
+    measured = samples_in_gaps(uncertain, run.series)
+    reconstructed = np.vstack([reported[: len(reported) - len(measured)], measured])
+    found = specimen_in_run(uncertain, measured)
+    if isinstance(found, str):
+        return AfterRun(values, why_none=found)
+    values |= _as_figures(uncertain, found)
+    if found.unexplained > max(MOST_UNEXPLAINED, OF_IDENTIFIED * _identified(uncertain).residual):
+        return AfterRun(
+            values,
+            why_none=f"{100.0 * found.unexplained:.0f} % of the floors' motion in the run is not that of the specimen "
+            "on the measured table: a sensor, or the specimen, is not what it was at the identification",
+        )
+    building = reference_building(uncertain, found)
+    try:
+        sim = reference_of(building).sim(building, uncertain.setup.rig.dt_s, uncertain.setup.motion.accel_m_s2)
+    except InputError as error:
+        return AfterRun(values, why_none=f"the building as identified has no SIM: {error.faults[0]}")
+    truth, loop = _distribution(uncertain, found, reported, reconstructed, sim.abs_accel_m_s2)
+    size = _rms(uncertain, sim.abs_accel_m_s2)
+    values[f"{RUN}.measured_loop_rms_error_m_s2"] = loop
+    against = _rms(uncertain, reported - sim.abs_accel_m_s2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values |= {
+            f"{RUN}.identified_reference_rms_error_m_s2": against,
+            f"{RUN}.identified_reference_nrmse_percent": 100.0 * against / size,
+            f"{RUN}.true_error_median_m_s2": truth.median,
+            f"{RUN}.true_error_bound_m_s2": truth.bound,
+            f"{RUN}.true_error_median_percent": 100.0 * truth.median / size,
+            f"{RUN}.true_error_bound_percent": 100.0 * truth.bound / size,
+        }
+    values |= worth(uncertain, reported, sim.abs_accel_m_s2)
+    return AfterRun(values, truth)
+
+
+def samples_in_gaps(uncertain: Uncertain, series: Series) -> Array:
+    """Return the measured accelerations (c, n) in m/s^2 as the rig gave them, also where the step took others.
+
+    After a gap the step goes back to its samples gradually, and the log holds both. In the gap it took what the
+    identified rig would show under the commands that it sent. A target may hold the last one that came instead: how
+    much of that it did, the first samples after the gap show.
+    """
+    lost = series.live.get("lost")
+    if lost is None or not np.any(lost):
+        return series.measured
+    known, gaps, every = uncertain.known, without_samples(lost), np.arange(lost.size)
+    if gaps.all():
+        return series.measured
+    measured = _unmixed(uncertain, series, gaps, lost == MIXED)
+    unanswered = np.append(gaps[1:], gaps[-1])  # a sample answers the command before it
+    last = np.maximum.accumulate(np.where(unanswered, 0, every))  # the last step whose command came
+    held = series.command_v[last] - series.command_v
+    answered, more = (
+        at_full_rate(known.lines, known.loop.rig * known.lines.of(volts))[:, : gaps.size]
+        for volts in (series.command_v, held)
+    )
+    after = (np.convolve(gaps, np.ones(1 + AFTER_GAP), "full")[: gaps.size] > 0) & ~gaps
+    size = float(np.sum(more[:, after] ** 2))
+    share = float(np.sum((measured - answered)[:, after] * more[:, after])) / size if size > 0.0 else 0.0
+    return np.asarray(measured + np.where(gaps, min(max(share, 0.0), 1.0), 0.0) * more)
+
+
+def _unmixed(uncertain: Uncertain, series: Series, gaps: NDArray[np.bool_], mixed: NDArray[np.bool_]) -> Array:
+    """Return the measured accelerations (c, n), those of `mixed` steps (n,) from the rig's samples alone.
+
+    The samples are corrected anew, over straight lines in the gaps. The slow part of the correction that these leave is
+    taken off: the mean difference where the step had its own samples next.
+    """
+    measured = series.measured.copy()
+    if not mixed.any() or not series.samples_v.size:
+        return measured
+    came, every = np.flatnonzero(~gaps), np.arange(gaps.size)
+    volts = np.array([np.interp(every, came, row[came]) for row in series.samples_v])
+    anew = run_block(uncertain.known.correction, volts)[: len(measured)]
+    anew[0] = without_staircase(anew[0], series.command_v, uncertain.known.model)
+    own = ~(gaps | mixed)
+    for stretch in np.split(np.flatnonzero(mixed), np.flatnonzero(np.diff(np.flatnonzero(mixed)) > 1) + 1):
+        near = np.flatnonzero(own & (np.abs(every - stretch[-1]) <= 2 * len(stretch)) & (every > stretch[-1]))
+        near = near if near.size else np.flatnonzero(own)
+        off = (measured - anew)[:, near].mean(axis=1) if near.size else np.zeros(len(measured))
+        measured[:, stretch] = anew[:, stretch] + off[:, None]
+    return measured
+
+
+def specimen_in_run(uncertain: Uncertain, measured: Array) -> FoundSpecimen | str:
+    """Return the specimen by the floors' motion on the measured table (c, n) in the run, or why it is not told."""
+    fit, dt_s = _identified(uncertain), uncertain.setup.rig.dt_s
+    low_hz = min(uncertain.setup.compared.hz[0], BELOW_FIRST * float(fit.natural_frequency_hz[0]))
+    if measured.shape[1] < least_samples(fit.natural_frequency_hz, dt_s, low_hz):
+        return "the run is too short to tell whether the specimen is still the identified one"
+    start = Start(fit.stiffness_n_per_m, fit.damping_ratio)
+    motion = Motion(measured[0], measured[1:])
+    if not motion.shows_floors:
+        return (
+            "the floors do not move by a bit, so that the run does not tell whether the specimen is the identified one"
+        )
+    try:
+        again = fit_stretches([motion], dt_s, fit.specimen.masses_kg, low_hz, start, free=False)
+    except (InputError, np.linalg.LinAlgError) as fault:
+        return f"the run does not tell whether the specimen is still the identified one: {fault}"
+    own = again.stiffness_error_n_per_m / again.stiffness_n_per_m
+    if not np.all(own < TELLS):
+        storey = len(uncertain.building.numerical.masses_kg) + int(np.argmax(own)) + 1
+        return (
+            "the run moves the specimen too little to tell whether it is still the identified one (stiffness of storey "
+            f"{storey} +- {100.0 * float(np.max(own)):.0f} %)"
+        )
+    change = again.stiffness_n_per_m / fit.stiffness_n_per_m - 1.0
+    error = np.hypot(own, uncertain.stiffness_error)
+    found = FoundSpecimen(change, error, change, own, again.damping_ratio, again.residual)
+    if found.changed:
+        return found
+    before = uncertain.stiffness_error  # no change, more or less: the mean of both, weighed by their uncertainties
+    share = before**2 / (before**2 + own**2)
+    return replace(found, best=share * change, best_error=np.sqrt(share) * own)
+
+
+def _identified(uncertain: Uncertain) -> SpecimenFit:
+    fit = uncertain.identified.specimen
+    assert fit is not None  # every case has experimental storeys
+    return fit
+
+
+def reference_building(uncertain: Uncertain, found: FoundSpecimen) -> Building:
+    """Return the declared computed storeys below the specimen of the reference: as identified, or as found in the run
+    where it has changed since."""
+    if not found.changed:
+        return uncertain.at_level
+    building = on_specimen(uncertain.building, _as_found(uncertain, found))
+    return replace(building, laws=uncertain.building.laws)
+
+
+def _linear(uncertain: Uncertain, found: FoundSpecimen) -> Building:
+    """Return the linear building whose specimen is that of the run, as far as it is known."""
+    return on_specimen(uncertain.building, _as_found(uncertain, found))
+
+
+def _as_found(uncertain: Uncertain, found: FoundSpecimen) -> Specimen:
+    fit = _identified(uncertain)
+    ratios = found.damping_ratio if found.changed else fit.damping_ratio
+    return _specimen(fit, fit.stiffness_n_per_m * (1.0 + found.best), ratios)
+
+
+def _specimen(fit: SpecimenFit, stiffness_n_per_m: Array, damping_ratio: Array) -> Specimen:
+    masses, K = fit.specimen.masses_kg, storey_matrix(stiffness_n_per_m)
+    return Specimen(masses, K, modal_damping_matrix(masses, K, damping_ratio))
+
+
+def _distribution(
+    uncertain: Uncertain, found: FoundSpecimen, reported: Array, reconstructed: Array, sim: Array
+) -> tuple[TrueError, Array]:
+    """Return the distribution of the true error, and the RMS (n_storeys,) of the loop's error as measured.
+
+    `reported` and `reconstructed` (n_storeys, n): as the step had the samples, and with those of gaps.
+    """
+    known = uncertain.known
+    off, changed = _loop(uncertain, found, reconstructed, sim)
+    if not np.array_equal(reconstructed, reported):
+        without, _ = _loop(uncertain, found, reported, sim)
+        changed = np.hypot(changed, GAP_ERROR * _rms(uncertain, off - without))
+    loop = _rms(uncertain, off)
+    linear = _linear(uncertain, found)
+    lines, reference = known.lines, sim_lines(linear, known.lines, known.ground[0])
+    of_each, _ = errors_by_calibration(linear, lines, reference, uncertain.corners_hz, known.model, known.measured)
+    read, true = _noise(uncertain)
+    beside = products(lines, of_each, lines.of(off))
+    measured = MeasuredError(loop, beside, read, true, changed, uncertain.pitch, uncertain.pitch_error)
+    truth = true_error_of_run(gram(lines, of_each), uncertain.covariance, measured)
+    return truth, loop
+
+
+def _loop(uncertain: Uncertain, found: FoundSpecimen, reported: Array, sim: Array) -> tuple[Array, Array]:
+    """Return the loop's error (n_storeys, n), and the RMS (n_storeys,) of its change by the specimen's uncertainty.
+
+    Where computed storeys have laws it is the error against SIM, which holds what is not known of the specimen.
+    """
+    if uncertain.building.has_laws:
+        return reported - sim, np.zeros(len(reported))
+    setup, linear = uncertain.setup, _linear(uncertain, found)
+    dt_s, fit = setup.rig.dt_s, _identified(uncertain)
+    residual = residual_of_computed_storeys(linear, dt_s, setup.motion.accel_m_s2, reported)
+    off, squares = loop_error(linear, dt_s, residual), np.zeros(len(reported))
+    stiffness, errors = storey_values(linear.specimen.K), found.best_error
+    for storey, error in enumerate(errors):
+        other = stiffness * np.where(np.arange(len(stiffness)) == storey, 1.0 + error, 1.0)
+        moved = loop_error(on_specimen(linear, _specimen(fit, other, _modal_ratios(linear.specimen))), dt_s, residual)
+        squares += _rms(uncertain, moved - off) ** 2
+    return off, np.sqrt(squares)
+
+
+def _noise(uncertain: Uncertain) -> tuple[Array, Array]:
+    """Return the RMS (n_storeys,) that noise and rounding are expected to have in what sensors show, and in truth."""
+    predicted = uncertain.prediction
+    read = sum(
+        (predicted.causes[name].storeys ** 2 for name in ("noise", "quantisation", "rounding")),
+        np.zeros_like(predicted.true),
+    )
+    certain = np.maximum(predicted.total.storeys**2 - read, 0.0)
+    return np.sqrt(read), np.sqrt(np.maximum(predicted.true**2 - certain, 0.0))
+
+
+def worth(uncertain: Uncertain, reported: Array, sim: Array) -> Values:
+    """Return how much the specimen matters: its base shear over the interface floor's inertia, and by how much the
+    computed storeys would move otherwise without it."""
+    building, setup = uncertain.building, uncertain.setup
+    p = len(building.numerical.masses_kg)
+    masses = np.concatenate([[building.interface_experimental_mass_kg], building.specimen.masses_kg])
+    shear = (masses @ reported[p - 1 :]) / building.numerical.masses_kg[-1]
+    values: dict[str, ArrayLike] = {}
+    of_shear, of_floor = _rms(uncertain, np.array([shear, reported[p - 1]]))
+    values[f"{RUN}.specimen_share"] = float(of_shear / of_floor) if of_floor > 0.0 else 0.0
+    if not building.has_laws:
+        inputs = np.vstack([setup.motion.accel_m_s2, np.zeros(sim.shape[1])])
+        bare = run_block(all_storeys(building.numerical, setup.rig.dt_s), inputs)[2 * p :]
+        size = _rms(uncertain, sim[:p])
+        change = _rms(uncertain, bare - sim[:p]) / np.where(size > 0.0, size, np.inf)
+        values[f"{RUN}.without_specimen_percent"] = 100.0 * float(np.max(change))
+    return values
+
+
+def of_declaration(uncertain: Uncertain) -> dict[str, ArrayLike]:
+    """Return how far the identified specimen is from the declared one, with standard uncertainties, by path."""
+    setup, fit = uncertain.setup, _identified(uncertain)
+    declared, masses = setup.building.specimen, fit.specimen.masses_kg
+    stated, of_mass = storey_values(declared.K), _mass_error(uncertain, masses)
+    error = np.sqrt(
+        (fit.stiffness_error_n_per_m / fit.stiffness_n_per_m) ** 2
+        + np.max(2.0 * fit.frequency_error_hz / fit.natural_frequency_hz) ** 2
+        + of_mass**2
+    )
+    values: dict[str, ArrayLike] = {
+        f"{RUN}.stiffness_over_declared": _by_storey(uncertain, fit.stiffness_n_per_m / stated),
+        f"{RUN}.stiffness_over_declared_error": _by_storey(uncertain, error * fit.stiffness_n_per_m / stated),
+    }
+    ratios = _modal_ratios(declared)
+    if np.all(ratios > 0.0):
+        values[f"{RUN}.damping_over_declared"] = fit.damping_ratio / ratios
+        values[f"{RUN}.damping_over_declared_error"] = fit.damping_error / ratios
+    calibration = uncertain.identified.calibration
+    if calibration is not None:
+        n = len(calibration.mass)
+        of_masses = np.sqrt(np.diag(uncertain.covariance)[-n:])
+        values[f"{RUN}.mass_over_declared"] = _by_storey(uncertain, calibration.mass)
+        values[f"{RUN}.mass_over_declared_error"] = _by_storey(uncertain, of_masses)
+    return values
+
+
+def _mass_error(uncertain: Uncertain, masses: Array) -> Array:
+    """Return the relative standard uncertainty (n,) of the mass above each storey of the specimen."""
+    n = len(masses)
+    covariance = uncertain.covariance[-n:, -n:]
+    above = np.triu(np.ones((n, n))) * masses
+    above /= above.sum(axis=1, keepdims=True)
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", above, covariance, above), 0.0)))
+
+
+def _modal_ratios(specimen: Specimen) -> Array:
+    """Return the modal damping ratios (n,) of a specimen on a fixed base."""
+    root = 1.0 / np.sqrt(specimen.masses_kg)
+    values, vectors = np.linalg.eigh(root[:, None] * specimen.K * root)
+    damped = np.einsum("ir,ij,jr->r", vectors, root[:, None] * specimen.C * root, vectors)
+    return np.asarray(damped / (2.0 * np.sqrt(np.maximum(values, np.finfo(float).tiny))))
+
+
+def _as_figures(uncertain: Uncertain, found: FoundSpecimen) -> Values:
+    return {
+        f"{RUN}.stiffness_change": _by_storey(uncertain, found.change),
+        f"{RUN}.stiffness_change_error": _by_storey(uncertain, found.error),
+        f"{RUN}.specimen_changed": float(found.changed),
+        f"{RUN}.specimen_unexplained": found.unexplained,
+    }
+
+
+def _by_storey(uncertain: Uncertain, of_specimen: Array) -> Array:
+    """Return values of the specimen's storeys (n,) as values of all storeys, NaN where they are computed."""
+    return np.concatenate([np.full(len(uncertain.building.numerical.masses_kg), np.nan), of_specimen])
+
+
+def _rms(uncertain: Uncertain, series: Array) -> Array:
+    """Return RMS values (k,) of series (k, n) in the test band, above the lowest reliable frequency."""
+    setup = uncertain.setup
+    pairs = (np.zeros_like(series), np.ascontiguousarray(series), None)
+    found = run_metrics.errors(
+        RUN, None, pairs, setup.rig.dt_s, lowest_reliable_hz(setup), None, setup.case.test_band_hz
+    )
+    return np.asarray(found[f"{RUN}.rms_error_m_s2"])

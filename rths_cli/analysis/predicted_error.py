@@ -6,8 +6,9 @@ series, noise and rounding by their power; all are evaluated in the test band.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -211,28 +212,17 @@ def _stochastic(known: Known, nominal: Motion) -> tuple[dict[str, Array], Array]
     """Return the power (n_storeys + 1,) in the test band of each random cause, for the storeys, then for tracking, and
     that of all together (n_storeys,) in the true motions."""
     lines, dt = known.lines, known.rig.dt_s
-    bit, few = known.rig.converters.step_v, known.few_bits
-    corrected = of_correction(known)
-    noise, bits = white_noise_m_s2(known), known.bits_m_s2
+    bit, few, noise = known.rig.converters.step_v, known.few_bits, white_noise_m_s2(known)
     moved = _by_command(known)
-    shaken = _shaken(known, moved)  # spreads the samples' rounding errors
-    series = lines.series(nominal.corrected)
     powers = {cause: np.zeros(len(nominal.storeys) + 1) for cause in ("noise", "quantisation", "rounding")}
     of_true = np.zeros(len(nominal.storeys))
-    for channel in range(len(bits)):
-        unit = np.zeros_like(known.floors)
-        unit[channel] = corrected[channel]
-        made = hybrid(known.loop, np.zeros_like(known.ground), unit)
-        density = _density(known, made)
-        rounded = rounding_power(
-            lines.frequency_hz, series[channel], lines.reduced_dt_s, bits[channel], noise[channel], dt, shaken[channel]
-        )
+    for channel, of_noise in enumerate(_of_channels(known, nominal, moved)):
+        density, rounded = _density(known, of_noise.made), of_noise.rounded
         if few is not None and few.channels[channel]:
             rounded = (1.0 - few.weight) * rounded
         powers["noise"] += noise[channel] ** 2 * density.sum(axis=1)
         powers["quantisation"] += density @ rounded[1:]
-        made.storeys[len(nominal.storeys) - len(bits) + channel] -= unit[channel] * known.loop.ahead
-        of_true += _density(known, made)[:-1] @ (noise[channel] ** 2 + rounded[1:])
+        of_true += _density(known, of_noise.moved)[:-1] @ (noise[channel] ** 2 + rounded[1:])
     command = lines.series(nominal.command_v)
     # noise shaping adds earlier rounding errors to the command, which then varies fast enough for white noise
     rounded = (
@@ -249,6 +239,49 @@ def _stochastic(known: Known, nominal: Motion) -> tuple[dict[str, Array], Array]
         powers["rounding"] += few.weight * few.command
         of_true = of_true + few.weight * few.true
     return powers, of_true
+
+
+class _NoiseOfChannel(NamedTuple):
+    """The loop's answer to white noise of variance one per sample in a channel."""
+
+    made: Motion  # as reported
+    moved: Motion  # the same without what the sensor adds to the motion that it reports
+    rounded: Array  # (m,) power of the channel's rounding errors by line, per sample
+
+
+def _of_channels(known: Known, nominal: Motion, moved: Motion) -> Iterator[_NoiseOfChannel]:
+    """Yield the answer to the noise of each channel; `moved` by rounded commands."""
+    lines, dt, bits, noise = known.lines, known.rig.dt_s, known.bits_m_s2, white_noise_m_s2(known)
+    corrected = of_correction(known)
+    shaken = _shaken(known, moved)  # spreads the samples' rounding errors
+    series = lines.series(nominal.corrected)
+    for channel in range(len(bits)):
+        unit = np.zeros_like(known.floors)
+        unit[channel] = corrected[channel]
+        made = hybrid(known.loop, np.zeros_like(known.ground), unit)
+        rounded = rounding_power(
+            lines.frequency_hz, series[channel], lines.reduced_dt_s, bits[channel], noise[channel], dt, shaken[channel]
+        )
+        storeys = made.storeys.copy()
+        storeys[len(storeys) - len(bits) + channel] -= unit[channel] * known.loop.ahead
+        yield _NoiseOfChannel(made, replace(made, storeys=storeys), rounded)
+
+
+def noise_shown_and_true(
+    known: Known, nominal: Motion, shown: Callable[[ComplexArray], ComplexArray]
+) -> tuple[Array, Array]:
+    """Return the RMS (n_storeys,) in m/s^2 in the test band that noise and rounding of samples are expected to have in
+    a figure of the reported motion, and in the true motion.
+
+    `shown`: what the figure makes (n_storeys, m) of the reported motion of the storeys (n_storeys, m).
+    """
+    read = true = np.zeros(len(nominal.storeys))
+    for size, of_noise in zip(white_noise_m_s2(known), _of_channels(known, nominal, _by_command(known)), strict=True):
+        power = size**2 + of_noise.rounded[1:]
+        seen = replace(of_noise.made, storeys=shown(of_noise.made.storeys))
+        read = read + _density(known, seen)[:-1] @ power
+        true = true + _density(known, of_noise.moved)[:-1] @ power
+    return np.sqrt(read), np.sqrt(true)
 
 
 def _by_command(known: Known) -> Motion:

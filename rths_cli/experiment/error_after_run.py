@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis.error_budget import at_full_rate
+from rths_cli.analysis.predicted_error import noise_shown_and_true
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim_fourier_lines import sim_lines
 from rths_cli.analysis.true_error import (
@@ -29,7 +30,7 @@ from rths_cli.control.numerical_substructure import all_storeys
 from rths_cli.errors import InputError
 from rths_cli.experiment import run_metrics
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
-from rths_cli.experiment.measured_error import loop_error, residual_of_computed_storeys
+from rths_cli.experiment.measured_error import loop_error, loop_error_lines, residual_of_computed_storeys
 from rths_cli.identification.identify_specimen import without_staircase
 from rths_cli.identification.specimen_fit import Motion, Start, fit_stretches, least_samples
 from rths_cli.loop.block_replay import run_block
@@ -106,7 +107,7 @@ def error_after_run(uncertain: Uncertain | None, run: Run) -> AfterRun:
         return AfterRun(
             values,
             why_none=f"{100.0 * found.unexplained:.0f} % of the floors' motion in the run is not that of the specimen "
-            "on the measured table: a sensor, or the specimen, is not what it was at the identification",
+            f"on the measured table: {_why_unexplained(run.series)}",
         )
     building = reference_building(uncertain, found)
     try:
@@ -128,6 +129,14 @@ def error_after_run(uncertain: Uncertain | None, run: Run) -> AfterRun:
         }
     values |= worth(uncertain, reported, sim.abs_accel_m_s2)
     return AfterRun(values, truth)
+
+
+def _why_unexplained(series: Series) -> str:
+    lost = series.live.get("lost")
+    steps = 0 if lost is None else int(np.count_nonzero(without_samples(lost)))
+    if steps:
+        return f"what moved in the {steps} steps without samples is not known"
+    return "a sensor, or the specimen, is not what it was at the identification"
 
 
 def samples_in_gaps(uncertain: Uncertain, series: Series) -> Array:
@@ -259,7 +268,7 @@ def _distribution(
     linear = _linear(uncertain, found)
     lines, reference = known.lines, sim_lines(linear, known.lines, known.ground[0])
     of_each, _ = errors_by_calibration(linear, lines, reference, uncertain.corners_hz, known.model, known.measured)
-    read, true = _noise(uncertain)
+    read, true = _noise(uncertain, found)
     beside = products(lines, of_each, lines.of(off))
     measured = MeasuredError(loop, beside, read, true, changed, uncertain.pitch, uncertain.pitch_error)
     truth = true_error_of_run(gram(lines, of_each), uncertain.covariance, measured)
@@ -285,15 +294,14 @@ def _loop(uncertain: Uncertain, found: FoundSpecimen, reported: Array, sim: Arra
     return off, np.sqrt(squares)
 
 
-def _noise(uncertain: Uncertain) -> tuple[Array, Array]:
-    """Return the RMS (n_storeys,) that noise and rounding are expected to have in what sensors show, and in truth."""
-    predicted = uncertain.prediction
-    read = sum(
-        (predicted.causes[name].storeys ** 2 for name in ("noise", "quantisation", "rounding")),
-        np.zeros_like(predicted.true),
-    )
-    certain = np.maximum(predicted.total.storeys**2 - read, 0.0)
-    return np.sqrt(read), np.sqrt(np.maximum(predicted.true**2 - certain, 0.0))
+def _noise(uncertain: Uncertain, found: FoundSpecimen) -> tuple[Array, Array]:
+    """Return the RMS (n_storeys,) that noise and rounding of samples are expected to have in the loop's error as it is
+    measured, and in the true motions."""
+    known, nominal = uncertain.known, uncertain.prediction.nominal
+    if uncertain.building.has_laws:
+        return noise_shown_and_true(known, nominal, lambda reported: reported)
+    linear, hz = _linear(uncertain, found), known.lines.frequency_hz
+    return noise_shown_and_true(known, nominal, lambda reported: loop_error_lines(linear, hz, reported))
 
 
 def worth(uncertain: Uncertain, reported: Array, sim: Array) -> Values:

@@ -13,16 +13,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.fft import next_fast_len
-from scipy.signal import lsim
 
 from rths_cli.analysis.predicted_error import at_once, data_ratio
 from rths_cli.analysis.quantisation import zero_error
 from rths_cli.analysis.references import reference_of
 from rths_cli.control.interface import COMMANDED
 from rths_cli.control.kalman_filter import specimen_state_space
+from rths_cli.control.state_space import discretise
 from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.rig_access import guard_limits
 from rths_cli.loop import guard
+from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.diagnosis import OF_COMMAND, OF_TABLE, Cause
 from rths_cli.loop.guard import without_limits
 from rths_cli.loop.identified_rig_run import Disturbed, play_identified, seen_by_model
@@ -209,8 +210,9 @@ def _demand(setup: Setup, drive: Array, source: int) -> PlannedMotion | None:
     else:
         parts = specimen_state_space(building.specimen)
         table, place, velocity, told = drive[:, 0], drive[:, 2], drive[:, 1], DESIRED
-        floors = lsim((parts.A, parts.B, parts.C, parts.D), table, dt_s * np.arange(len(table)))[1]
-        accel = np.vstack([table, floors.reshape(len(table), -1).T])
+        names = tuple(f"floor_{floor}" for floor in range(1, len(parts.C) + 1))
+        floors = discretise(parts, dt_s, "foh", "specimen", ("table",), names)
+        accel = np.vstack([table, run_block(floors, np.ascontiguousarray(table)[None])])
     most = np.abs(accel).max(axis=1)
     far_m, reach_m = float(np.abs(place).max()), _reach_m(setup, place, velocity)
     return PlannedMotion(far_m, reach_m, far_m, most, float(most[0]), float(most[0]), told, predicted=False)

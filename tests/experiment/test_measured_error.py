@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import StateSpace, lsim
 
-from rths_cli.experiment.measured_error import loop_error, residual_of_computed_storeys
+from rths_cli.experiment.measured_error import loop_error, loop_error_lines, residual_of_computed_storeys
 from rths_cli.structure import Building, Numerical, Specimen, assemble, modal_damping_matrix, storey_matrix
 from rths_cli.structure.tangents import with_specimen
 
@@ -63,3 +63,15 @@ def test_a_specimen_that_is_softer_than_taken_does_not_look_like_an_error_of_the
     assert np.all(np.sqrt(np.mean(found**2, axis=1)) < 3.0 * size)
     assert np.all(np.sqrt(np.mean(against_taken**2, axis=1)) > 10.0 * size)
     assert np.abs(right - wanted).max() < 0.3 * np.abs(wanted).max()  # its damping matrix is scaled otherwise
+
+
+@pytest.mark.parametrize("p", [1, 3])
+def test_the_loop_error_of_one_frequency_is_that_of_its_series(p: int) -> None:
+    of, hz = building(p), 4.7
+    time_s, n = DT * np.arange(60000), len(of.M)
+    reported = np.array([np.sin(2.0 * np.pi * hz * time_s + phase) for phase in np.arange(n)])
+    reported *= np.minimum(time_s / 10.0, 1.0) ** 2
+    series = loop_error(of, DT, residual_of_computed_storeys(of, DT, 0.0 * time_s, reported))[:, 40000:]
+    lines = loop_error_lines(of, np.array([hz]), np.exp(1j * (np.arange(n) - 0.5 * np.pi))[:, None])
+    wanted = (lines * np.exp(2j * np.pi * hz * time_s[40000:])).real
+    assert np.abs(series - wanted).max() < 0.03 * np.abs(wanted).max()

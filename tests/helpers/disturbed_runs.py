@@ -31,6 +31,8 @@ from rths_cli.rigs.from_case import true_building
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant_kernel import Plant, PlantState, fresh_state
 
+TAIL_S = 0.2
+
 
 @entry
 def moved(plant: Plant, state: PlantState, latched: Array, velocity: Array) -> None:
@@ -66,15 +68,16 @@ class Disturbed:
     """A laboratory in which one disturbed run is played after the other."""
 
     def __init__(self, freezing: Freezing, memory: Memory) -> None:
+        """What is played last is not judged: the desired motion ends there, and the table comes to rest."""
         motion = freezing.setup.motion
         names = ("time_s", "accel_m_s2", "velocity_m_s", "displacement_m")
-        cut = replace(motion, **{name: getattr(motion, name)[: freezing.record] for name in names})
-        self.freezing = replace(freezing, setup=replace(freezing.setup, motion=cut))
-        self._memory = memory
+        self._samples = freezing.record - round(TAIL_S / freezing.setup.rig.dt_s)
+        cut = replace(motion, **{name: getattr(motion, name)[: self._samples] for name in names})
+        self.freezing, self._setup, self._memory = freezing, replace(freezing.setup, motion=cut), memory
 
     @cached_property
     def uncertain(self) -> Uncertain:
-        setup = self.freezing.setup
+        setup = self._setup
         found = judge(setup, self._memory.identify(setup, lambda _: None), self.freezing.design).uncertain
         assert found is not None
         return found
@@ -84,21 +87,21 @@ class Disturbed:
         played, latched = self.freezing.run(at, length, mode, lost_samples=400)
         if played.guard.flags[1] != END:
             return None
-        setup, ramp, dt = self.freezing.setup, played.course.ramp, self.freezing.setup.rig.dt_s
+        setup, ramp, dt = self._setup, played.course.ramp, self._setup.rig.dt_s
         log = logged(played)
         log = replace(log, true_velocity_m_s=self._true_velocity(played, latched, log.command_v.shape[-1]))
         lead = self.freezing.design.blocks.lead_samples
         outcome = Outcome(log, int(played.log.done[0]), "", "", 0.0)
         whole = on_record_clock(outcome, lead, dt, ramp + self.freezing.record)
         kept = Series.__dataclass_fields__.keys() - {"removed", "logs", "live"}
-        cut = {name: getattr(whole, name)[..., ramp:] for name in kept}
-        series = Series(**cut, live={name: one[..., ramp:] for name, one in whole.live.items()})
-        samples = series.measured.shape[1]
-        building = whole_building(setup.building, series, setup.motion.accel_m_s2[:samples], dt)
+        part = slice(ramp, ramp + self._samples)
+        cut = {name: getattr(whole, name)[..., part] for name in kept}
+        series = Series(**cut, live={name: one[..., part] for name, one in whole.live.items()})
+        building = whole_building(setup.building, series, setup.motion.accel_m_s2, dt)
         run = Run(HYBRID_TEST, lead, series, building)
         there = true_building(setup.case, setup.building)
         assert there is not None
-        sim = simulate(there, dt, setup.motion.accel_m_s2).abs_accel_m_s2[:, :samples]
+        sim = simulate(there, dt, setup.motion.accel_m_s2).abs_accel_m_s2
         size, true, measured = (
             self._rms(one)
             for one in (sim, series.with_true(building.abs_accel_m_s2) - sim, building.abs_accel_m_s2 - sim)
@@ -114,7 +117,7 @@ class Disturbed:
         return found
 
     def _rms(self, series: Array) -> Array:
-        setup = self.freezing.setup
+        setup = self._setup
         pairs = (np.zeros_like(series), np.ascontiguousarray(series), None)
         lowest, band = lowest_reliable_hz(setup), setup.case.test_band_hz
         found = run_metrics.errors("exp_rths", None, pairs, setup.rig.dt_s, lowest, None, band)

@@ -189,7 +189,10 @@ def test_a_range_of_the_specimens_stiffness_is_judged_at_both_ends(default_ident
     blocks = replace(blocks, numerical=interface(numerical, setup.rig.dt_s))
     wanted = loop_stability(linear, softer, blocks)
     assert verdict.stability.radius == pytest.approx(wanted.radius, abs=1e-12)
-    assert verdict.stability.tolerates == pytest.approx(wanted.tolerates, rel=1e-9)
+    # the table beyond its band is that with which the specimen was identified, under the softer one
+    beyond = loop_stability(linear, default_identification, blocks, there=specimen)
+    assert verdict.stability.tolerates == pytest.approx(beyond.tolerates, rel=1e-9)
+    assert verdict.stability.tolerates == pytest.approx(wanted.tolerates, rel=5e-3)
 
 
 def test_a_linear_building_has_tangents_only_with_a_range(default_identification: Identification) -> None:

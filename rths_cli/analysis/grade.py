@@ -152,14 +152,24 @@ def _largest(values: np.ndarray) -> int:
 def _cause(values: Mapping[str, ArrayLike], storey: int) -> str:
     """Return the name of the cause with at least LIMITING of the squares of a storey's true error, "" without one.
 
-    What the loop's measured error leaves of the median is the calibration's.
-
-    What the budget measures as the specimen's and as the rest holds the noise and the rounding of the samples. Where
-    the check predicted at least LIMITING of it from these two, the larger one is the cause.
+    What the loop's measured error leaves of the median is the calibration's, or that of samples whose rounding and
+    noise move the table unseen. What the budget measures as the specimen's and as the rest holds noise and rounding of
+    the samples, too. Where the check predicted at least LIMITING of it from these two, the larger one is the cause.
     """
-    loop, median = (values.get(f"exp_rths.{name}_m_s2") for name in ("measured_loop_rms_error", "true_error_median"))
-    if loop is not None and median is not None and _square(loop, storey) < LIMITING * _square(median, storey):
-        return CALIBRATION
+    expected = {cause: _square(values.get(PREDICTED.format(cause), 0.0), storey) for cause in OF_SAMPLES}
+    of_samples = max(expected, key=expected.__getitem__)
+    loop, median, calibration = (
+        values.get(f"exp_rths.{name}_m_s2")
+        for name in ("measured_loop_rms_error", "true_error_median", "true_error_calibration")
+    )
+    if (
+        loop is not None
+        and median is not None
+        and _square(loop, storey) < LIMITING * (whole := _square(median, storey))
+    ):
+        if calibration is not None and _square(calibration, storey) >= LIMITING * whole:
+            return CALIBRATION
+        return of_samples if sum(expected.values()) >= LIMITING * whole else ""
     first, last = BUDGET.split("{}")
     squares = {
         path.removeprefix(first).removesuffix(last): _square(value, storey)
@@ -169,9 +179,8 @@ def _cause(values: Mapping[str, ArrayLike], storey: int) -> str:
     name = max(squares, key=squares.__getitem__, default="")
     if not name or not squares[name] >= LIMITING * sum(squares.values()) > 0.0:
         return ""
-    expected = {cause: _square(values.get(PREDICTED.format(cause), 0.0), storey) for cause in OF_SAMPLES}
     holds_them = name in WITH_SAMPLES and sum(expected.values()) >= LIMITING * squares[name]
-    return max(expected, key=expected.__getitem__) if holds_them else name
+    return of_samples if holds_them else name
 
 
 def _square(value: ArrayLike, storey: int) -> float:

@@ -273,15 +273,18 @@ def noise_shown_and_true(
     """Return the RMS (n_storeys,) in m/s^2 in the test band that noise and rounding of samples are expected to have in
     a figure of the reported motion, and in the true motion.
 
-    `shown`: what the figure makes (n_storeys, m) of the reported motion of the storeys (n_storeys, m).
+    `shown`: what the figure makes (n_storeys, m) of the reported motion of the storeys (n_storeys, m). Rounding that is
+    no noise (`few_bits`) is in the true motion alone, with that of commands: in the figure, it cannot be told.
     """
-    read = true = np.zeros(len(nominal.storeys))
-    for size, of_noise in zip(white_noise_m_s2(known), _of_channels(known, nominal, _by_command(known)), strict=True):
-        power = size**2 + of_noise.rounded[1:]
+    few, noise = known.few_bits, white_noise_m_s2(known)
+    read, true = np.zeros(len(nominal.storeys)), np.zeros(len(nominal.storeys))
+    for channel, of_noise in enumerate(_of_channels(known, nominal, _by_command(known))):
+        left = 1.0 - few.weight if few is not None and few.channels[channel] else 1.0
+        power = noise[channel] ** 2 + left * of_noise.rounded[1:]
         seen = replace(of_noise.made, storeys=shown(of_noise.made.storeys))
         read = read + _density(known, seen)[:-1] @ power
         true = true + _density(known, of_noise.moved)[:-1] @ power
-    return np.sqrt(read), np.sqrt(true)
+    return np.sqrt(read), np.sqrt(true if few is None else true + few.weight * few.true)
 
 
 def _by_command(known: Known) -> Motion:

@@ -46,7 +46,7 @@ class ContinuedTable:
     modal_mass_kg: Array  # (n,) effective in translation of the base
     end_hz: float
     shift: float
-    misfit: float  # rms of the relative difference from the measured response in the band
+    misfit: float  # rms of the relative difference from the measured response in the band, without its scatter
     loudest_m_s2_per_v: float
 
     @property
@@ -133,7 +133,9 @@ def continued_table(
     good = (measured.relative_error <= MOST_LINE_ERROR) & (measured.frequency_hz >= model.band_hz[0])
     good &= measured.frequency_hz <= end_hz
     frequency = measured.frequency_hz[good]
+    scatter = measured.relative_error[good]
     if len(frequency) < LEAST_LINES:
+        scatter = np.zeros(5 * LEAST_LINES)
         frequency = np.geomspace(max(model.band_hz[0], 0.05 * end_hz), end_hz, 5 * LEAST_LINES)
         response = model.response(frequency)
     else:
@@ -155,7 +157,8 @@ def continued_table(
         numbers[kept] = np.linalg.lstsq(rows / size, wanted, rcond=None)[0] / size
         if numbers[1] >= 0.0:
             break
-    misfit = float(np.sqrt(np.mean(np.abs(columns @ numbers - 1.0) ** 2)))
+    differs = np.mean(np.abs(columns @ numbers - 1.0) ** 2 - 2.0 * scatter**2)  # scatter: real and imaginary part
+    misfit = float(np.sqrt(max(differs, 0.0)))
     return ContinuedTable(
         model, numbers, moving_mass_kg, hz, ratio, mass, end_hz, max(shift, LEAST_SHIFT), misfit, loudest
     )

@@ -124,6 +124,7 @@ def error_after_run(uncertain: Uncertain | None, run: Run) -> AfterRun:
             f"{RUN}.identified_reference_nrmse_percent": 100.0 * against / size,
             f"{RUN}.true_error_median_m_s2": truth.median,
             f"{RUN}.true_error_bound_m_s2": truth.bound,
+            f"{RUN}.true_error_calibration_m_s2": truth.calibration,
             f"{RUN}.true_error_median_percent": 100.0 * truth.median / size,
             f"{RUN}.true_error_bound_percent": 100.0 * truth.bound / size,
         }

@@ -282,6 +282,8 @@ def _after_run() -> Iterator[Quantity]:
         yield Quantity(f"exp_rths.true_error_{name}_m_s2", ACCEL, "storey", LESS, about, (), BAND, scales_as=ACCEL)
         about = f"{about}, in percent of the RMS of {reference}"
         yield Quantity(f"exp_rths.true_error_{name}_percent", "%", "storey", LESS, about, (), BAND)
+    about = "RMS of the true error by the uncertainty of the calibration, after the run"
+    yield Quantity("exp_rths.true_error_calibration_m_s2", ACCEL, "storey", NONE, about, (), BAND, scales_as=ACCEL)
     unsure = "its standard uncertainty"
     for name, over, text in (
         ("stiffness_over_declared", "storey", "identified stiffness over the declared one"),

@@ -165,9 +165,21 @@ def test_what_the_loop_does_not_explain_is_the_calibrations() -> None:
         values = figures() | {
             "exp_rths.measured_loop_rms_error_m_s2": np.full(3, loop),
             "exp_rths.true_error_median_m_s2": np.ones(3),
+            "exp_rths.true_error_calibration_m_s2": np.full(3, 0.8),
             "budget.rms_error_declared_m_s2": np.full(3, 9.0),  # no part of the true error
         }
         assert grade_of(values, GradeLimits()).cause == cause  # type: ignore[union-attr]
+
+
+def test_what_moves_the_table_unseen_is_not_blamed_on_the_calibration() -> None:
+    values = figures() | {
+        "exp_rths.measured_loop_rms_error_m_s2": np.full(3, 0.3),
+        "exp_rths.true_error_median_m_s2": np.ones(3),
+        "exp_rths.true_error_calibration_m_s2": np.full(3, 0.1),
+    }
+    assert grade_of(values, GradeLimits()).cause == ""  # type: ignore[union-attr]
+    rounded = {"check.rms_error_quantisation_m_s2": np.full(3, 0.9)}
+    assert grade_of(values | rounded, GradeLimits()).cause == "quantisation"  # type: ignore[union-attr]
 
 
 def test_the_noise_of_samples_is_not_blamed_on_the_specimen() -> None:

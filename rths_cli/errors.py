@@ -43,12 +43,12 @@ def out_of_memory(error: BaseException) -> str:
     """Return a sentence on too little memory where that is what an exception, or one that led to it, says; else ""."""
     cause: BaseException | None = error
     while cause is not None:
-        system = isinstance(cause, OSError) and cause.errno in (errno.ENOMEM, errno.EAGAIN)
+        system = isinstance(cause, OSError) and cause.errno == errno.ENOMEM
         if isinstance(cause, MemoryError) or system or any(told in str(cause).lower() for told in _NO_MEMORY):
             return (
                 "there is too little memory (about 1 GB is needed): end other programs, or raise the limit (ulimit -v)"
             )
-        cause = cause.__cause__ or cause.__context__
+        cause = cause.__cause__ or (None if cause.__suppress_context__ else cause.__context__)
     return ""
 
 

@@ -61,7 +61,7 @@ def _played(
     if known.zero_m_s2 is not None:
         place = known.zero_m_s2[plain] / step + 2.0 * ZERO_CHANGES * place
     noise = random.standard_normal((count, lines.samples)) * dither[plain, None]
-    scale = corrected  # a reading in V over what it is corrected to, and one for the command
+    scale = corrected  # what a reading is corrected to, over the reading; one for the command
     expected = nominal.corrected[plain]
     if not known.shaped:
         step, place = np.append(step, known.rig.converters.step_v), np.append(place, 0.0)

@@ -89,7 +89,7 @@ def grade_of(values: Mapping[str, ArrayLike], limits: GradeLimits) -> Grade | No
     It follows from what every laboratory has, and on a simulated rig not from what only that one knows.
     """
     bounds, medians = (_of(values, f"exp_rths.true_error_{name}_percent") for name in ("bound", "median"))
-    if not bounds.size:
+    if not bounds.size or not np.isfinite(bounds).all():
         return None
     worst = _largest(bounds)
     percent = float(bounds[worst])

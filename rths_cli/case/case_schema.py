@@ -395,7 +395,8 @@ class CaseKeys(Strict):
 class Case(CaseKeys):
     """Hold a checked case, defaults filled in; `limits` are already merged into `table.limits`.
 
-    `rig_file`: the file that states the kind of rig, None where the case itself or --set does. `stated`: the keys that
+    `rig_file`: the file that states the kind of rig, None where the case itself or --set does. `rig_limits`: the limits
+    as the rig states them, before those of the case. `stated`: the keys that
     the case file or --set state, as paths (`controller.command_weight`). `places`: where each key of the case stands,
     by its path: in which file, or in which --set.
     """
@@ -403,6 +404,7 @@ class Case(CaseKeys):
     path: Path
     yaml_text: str
     rig_file: Path | None = Field(default=None, exclude=True)
+    rig_limits: LimitsSpec | None = Field(default=None, exclude=True)
     stated: tuple[str, ...] = Field(default=(), exclude=True)
     places: Mapping[str, Any] = Field(default_factory=dict, exclude=True, repr=False)
 

@@ -302,6 +302,7 @@ def _validate(tree: Node, lost: set[str], path: Path, text: str, unexpanded: Nod
         "path": path.absolute(),
         "yaml_text": text,
         "rig_file": _rig_file(tree, path.absolute()),
+        "rig_limits": keys.table.limits,
         "stated": tuple(_stated(unexpanded)),
         "places": {**dict(_marks(tree)), **{key: node.mark for key, node in unexpanded.children.items()}},
     }

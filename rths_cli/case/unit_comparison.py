@@ -68,8 +68,11 @@ class Comparison:
         """Return the doubt: both figures, their ratio, what is usual, the likely slip, and the question."""
         unit = f" {self.unit}" if self.unit else ""
         named = f" ({', '.join(self.others)})" if self.others else ""
-        said = f"{self.key}: {self.quantity}{', ' if self.quantity else ''}{self.value:.6g}{unit} is "
-        said += f"{self.ratio:.3g} times {self.against}{named}, {self.figure:.3g}{unit}; usual is {self._usual}"
+        said = f"{self.key}: {self.quantity}{', ' if self.quantity else ''}{self.value:.6g}{unit}"
+        if self.against == f"1{unit}":
+            said += f"; usual is {self._usual.removesuffix(' times')}{unit}"
+        else:
+            said += f" is {self.ratio:.3g} times {self.against}{named}, {self.figure:.3g}{unit}; usual is {self._usual}"
         if self.suspect:
             said += f"; {self.suspect} disagrees with others, too"
         if (slip := self.slip) and (self.quantity or not self.suspect):

@@ -77,8 +77,10 @@ def doctor(
 
     def permit(setup: Setup) -> None:
         from rths_cli.experiment.operator_consent import ask_to_move
+        from rths_cli.experiment.unit_plausibility import OF_RIG
 
-        ask_to_move([setup], yes, screen.confirm)
+        # without a case the structure is a lent one
+        ask_to_move([setup], yes, screen.confirm, played=("",) if case else OF_RIG)
 
     if channels or move or push:
         return _of_channels(request, (channels, move, push), screen, permit, as_json)

@@ -20,6 +20,7 @@ from rths_cli.errors import InputError
 
 if TYPE_CHECKING:
     from rths_cli.cli.terminal import Screen
+    from rths_cli.experiment.setup import Setup
 
 SAID_S = 5.0  # interval between two lines of progress if stderr is no terminal
 
@@ -100,6 +101,7 @@ def identify(
     from rths_cli.experiment.identify_command import Asked, make_model
     from rths_cli.experiment.identify_from_files import DataRequest, read_roles
     from rths_cli.experiment.operator_consent import ask_to_move
+    from rths_cli.experiment.unit_plausibility import OF_IDENTIFICATION
 
     if not data and (channels or rate_hz is not None or corrected):
         raise InputError("--channel, --rate and --corrected belong to --data FILE; add it, or leave them out")
@@ -110,7 +112,11 @@ def identify(
     asked = Asked(case, settings, request, output, save_data, figure, not no_figure, not no_replace)
     screen = new_screen(quiet)
     with said_again(screen, quiet or sys.stderr.isatty()) as doing:
-        made = make_model(asked, doing, lambda setup: ask_to_move([setup], yes, screen.confirm), screen.warning)
+
+        def permit(setup: Setup) -> None:
+            ask_to_move([setup], yes, screen.confirm, played=OF_IDENTIFICATION)
+
+        made = make_model(asked, doing, permit, screen.warning)
     screen.clear()
     _show_identified(made, as_json)
     return made.exit_code

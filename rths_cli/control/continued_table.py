@@ -158,7 +158,7 @@ def continued_table(
         if numbers[1] >= 0.0:
             break
     differs = np.mean(np.abs(columns @ numbers - 1.0) ** 2 - 2.0 * scatter**2)  # scatter: real and imaginary part
-    misfit = float(np.sqrt(max(differs, 0.0)))
+    misfit = max(float(differs), 0.0) ** 0.5
     return ContinuedTable(
         model, numbers, moving_mass_kg, hz, ratio, mass, end_hz, max(shift, LEAST_SHIFT), misfit, loudest
     )

@@ -227,6 +227,8 @@ def _without_innocent_limits(setup: Setup, found: Preflight) -> Preflight:
     exceeded = [fault for fault in found.faults if fault.cause in MOVED_BY_BASELINE]
     if not setup.baseline or not exceeded:
         return found
+    if any(fault.beyond > 1.0 + setup.baseline_share for fault in exceeded):  # without the baseline, too
+        return replace(found, faults=(Fault("baseline", placed(setup.case, setup.baseline), math.nan), *found.faults))
     names = " and ".join(dict.fromkeys(fault.cause for fault in exceeded))
     told = f"with this baseline the record exceeds the limit of {names}; check again without it"
     moved = (Fault("baseline", text, math.nan) for text in (placed(setup.case, setup.baseline), told))
@@ -323,19 +325,21 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     notes = (*filter(None, (found.said, found.advice)), *notes)
     runs = [("EXP-RTHS", found.verdict)] if hybrid else []
     excited = excitations(setup, known)
-    reasons = found.reasons
+    reasons = (*found.reasons, *(f"{label}: {fault}" for label, faults in excited for fault in faults))
     if found.table_test is not None:
         told = tuple(reason for reason in found.table_test.reasons if reason not in reasons)
         reasons = (*reasons, *(f"shake-table test: {reason}" for reason in told))
         runs.insert(0, ("shake-table test", found.table_test.verdict))
+    runs = [*((label, UNSAFE if faults else SAFE) for label, faults in excited), *runs]
+    worst = max((found.worst, *(verdict for _, verdict in runs)), key=("", *VERDICTS).index)
     return Checked(
-        _about(setup, known.source), found.worst, reasons, notes, figures, found.tangents, found.of_guard,
-        (*excited, *runs), keys_in_doubt(setup),
+        _about(setup, known.source), worst, reasons, notes, figures, found.tangents, found.of_guard, tuple(runs),
+        keys_in_doubt(setup),
     )  # fmt: skip
 
 
-def excitations(setup: Setup, known: Known) -> list[tuple[str, str]]:
-    """Return label and verdict of the excitations that are played before the table runs of a case."""
+def excitations(setup: Setup, known: Known) -> list[tuple[str, tuple[str, ...]]]:
+    """Return label and faults of the excitations that are played before the table runs of a case; () if it is safe."""
     from rths_cli.experiment.excitation_check import excitation_faults
     from rths_cli.experiment.identify_on_rig import excitation_settings, plan
     from rths_cli.identification.low_level_probe import probe_plan
@@ -348,7 +352,7 @@ def excitations(setup: Setup, known: Known) -> list[tuple[str, str]]:
         most_m_s2 = known.found.low_level_m_s2 or math.inf
         low = probe_plan(setup.rig, settings, setup.case.identification.seed, most_m_s2)
         found.append(("verification" if setup.case.identification.model else "record of the session", low.command_v))
-    return [(label, UNSAFE if excitation_faults(setup, command_v) else SAFE) for label, command_v in found]
+    return [(label, excitation_faults(setup, command_v)) for label, command_v in found]
 
 
 def _about(setup: Setup, model: str) -> Tested:

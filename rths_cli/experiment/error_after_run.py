@@ -93,7 +93,9 @@ def error_after_run(uncertain: Uncertain | None, run: Run) -> AfterRun:
     if run.stopped is not None or reported is None:
         return AfterRun()
     if uncertain is None:
-        return AfterRun(why_none="the check predicts no stable loop, so that nothing is known of what sensors hide")
+        return AfterRun(why_none="the check predicts no error of this test, and nothing is known of what sensors hide")
+    if not uncertain.setup.knows_storeys:
+        return AfterRun(why_none="which building the caller's own numerical substructure is, nobody has declared")
     if not np.isfinite(reported).all():
         return AfterRun(why_none="the motion of some storeys is not known")
     values: dict[str, ArrayLike] = of_declaration(uncertain)
@@ -178,15 +180,26 @@ def _unmixed(uncertain: Uncertain, series: Series, gaps: NDArray[np.bool_], mixe
         return measured
     came, every = np.flatnonzero(~gaps), np.arange(gaps.size)
     volts = np.array([np.interp(every, came, row[came]) for row in series.samples_v])
+    volts *= np.array([channel.sign for channel in uncertain.known.rig.channels])[:, None]
     anew = run_block(uncertain.known.correction, volts)[: len(measured)]
     anew[0] = without_staircase(anew[0], series.command_v, uncertain.known.model)
     own = ~(gaps | mixed)
+    anew -= _zeros(uncertain, measured, anew, own)
     for stretch in np.split(np.flatnonzero(mixed), np.flatnonzero(np.diff(np.flatnonzero(mixed)) > 1) + 1):
         near = np.flatnonzero(own & (np.abs(every - stretch[-1]) <= 2 * len(stretch)) & (every > stretch[-1]))
         near = near if near.size else np.flatnonzero(own)
         off = (measured - anew)[:, near].mean(axis=1) if near.size else np.zeros(len(measured))
         measured[:, stretch] = anew[:, stretch] + off[:, None]
     return measured
+
+
+def _zeros(uncertain: Uncertain, measured: Array, anew: Array, own: NDArray[np.bool_]) -> Array:
+    """Return what the zeros of the channels (c, n) make of the corrected samples: those of the step are without."""
+    ones = np.ones((len(uncertain.known.rig.channels), own.size))
+    shape = run_block(uncertain.known.correction, ones)[: len(measured)]
+    size = np.sum(shape[:, own] ** 2, axis=1)
+    share = np.sum(shape[:, own] * (anew - measured)[:, own], axis=1)
+    return np.asarray(np.divide(share, size, out=np.zeros_like(size), where=size > 0.0)[:, None] * shape)
 
 
 def specimen_in_run(uncertain: Uncertain, measured: Array) -> FoundSpecimen | str:

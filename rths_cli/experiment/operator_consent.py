@@ -42,10 +42,12 @@ def ask_to_move(
     yes: bool,
     confirm: Callable[[Sequence[str]], bool],
     predicted: Predicted = _nothing_predicted,
+    played: tuple[str, ...] = ("",),
 ) -> None:
     """Ask a person to confirm that the real rigs of these cases may move; raises InputError if they may not.
 
     Cases on virtual rigs need no confirmation. `confirm` shows the lines of the checklist and returns the answer.
+    `played`: beginnings of the keys that the motion follows from; doubts on others are of no concern.
     `predicted` returns the metrics `check.*` of a case, {} without a check; the checklist states their peaks. `yes`
     confirms without a question, but only for rigs whose own file states `unattended: true`. Nobody is asked where the
     system has no real time, or where a number is doubted that the case does not call plausible: that one is refused.
@@ -53,7 +55,7 @@ def ask_to_move(
     real = [setup for setup in setups if setup.rig.can.moves_hardware]
     if not real:
         return
-    _refuse_doubts(real)
+    _refuse_doubts(real, played)
     from rths_cli.numerics.clock import require_real_time
 
     require_real_time()
@@ -73,9 +75,9 @@ def ask_to_move(
         raise InputError("not confirmed; nothing was moved")
 
 
-def _refuse_doubts(real: Sequence[Setup]) -> None:
+def _refuse_doubts(real: Sequence[Setup], played: tuple[str, ...]) -> None:
     """Raise InputError with every number of cases on real rigs that is doubted, and what consents to it."""
-    found = [(setup, one) for setup in real for one in doubts(setup)]
+    found = [(setup, one) for setup in real for one in doubts(setup) if one.key.startswith(played)]
     if found:
         keys = ", ".join(dict.fromkeys(one.key for _, one in found))
         raise InputError(

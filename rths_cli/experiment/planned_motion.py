@@ -130,7 +130,10 @@ def foreseen_causes(limits: GuardLimits, planned: PlannedMotion | None) -> dict[
     if planned is None:
         return {}
     if not planned.predicted and not planned.own_parts:
-        cause = Cause("the loop does not settle on the identified rig either: its motion grows by itself", UNSETTLED)
+        said = (
+            f"on the identified rig it does not settle either, or moves {SETTLES:g} times as far as desired"
+        )
+        cause = Cause(said, UNSETTLED)
         return dict.fromkeys((*OF_COMMAND, *OF_TABLE, guard.ACCELERATION, guard.FORCE, guard.SATURATED), cause)
     known: dict[int, Cause] = {}
     if planned.reach_m > farthest(limits):

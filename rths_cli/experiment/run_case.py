@@ -172,7 +172,9 @@ def _attributes(
 ) -> dict[str, str | int | float]:
     """Return the root attributes of the result file."""
     model = {"model_source": known.source if known else "", "warnings": "\n".join(cautions)}
-    verdict = {"check_verdict": checked.worst if checked else "", "units_in_doubt": ", ".join(keys_in_doubt(setup))}
+    main = "exp_rths" if "exp_rths" in setup.case.runs else "shake_table"
+    judged = checked.of_run(main)[0] if checked else ""
+    verdict = {"check_verdict": judged, "units_in_doubt": ", ".join(keys_in_doubt(setup))}
     return attributes(setup, checked.design if checked else None, command_line) | model | verdict
 
 

@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from glob import escape
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Protocol, TypeVar
@@ -236,7 +237,7 @@ def _failed(setup: Setup, path: Path, taken: bool, reason: str, code: int) -> En
     begun = (
         setup.rig.can.moves_hardware
         and not taken
-        and bool(path.exists() or [*path.parent.glob(f".{path.name}.*.part")])
+        and bool(path.exists() or [*path.parent.glob(f".{escape(path.name)}.*.part")])
     )
     return Ended(
         setup.case.name, path if begun and path.exists() else None, "failed", reason, 4 if begun and code == 2 else code

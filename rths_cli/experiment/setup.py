@@ -58,6 +58,7 @@ class Setup:
     session_seed: int | None = None  # of the session of its table runs, of a row of a sweep that of the sweep's case
     declared: bool = False  # whether `building` is the one that it declares, and not the case's
     baseline: str = ""  # of the record: what it does to the motion and what mends it, "" for a clean record
+    baseline_share: float = 0.0  # ground displacement that the baseline adds, over that without it
 
     def calibrated(self, found: Identification) -> Setup:
         """Return the setup on a rig whose sensors are those that an identification found."""
@@ -113,7 +114,7 @@ def make_setup(
     if faults:
         raise InputError(*(placed(case, fault) for fault in faults))
     shared = shared or SharedValues()
-    motion, record_sha256, baseline, begins = shared.get(
+    motion, record_sha256, baseline, share, begins = shared.get(
         "motion", motion_key(case), lambda: interruptible(lambda: _judged_motion(case))
     )
     if begins and case.record.baseline != "none":
@@ -131,8 +132,9 @@ def make_setup(
     if faults := skew_faults(case, info):
         raise InputError(*(placed(case, fault) for fault in faults))
     setup = Setup(
-        case, motion, record_sha256, building, info, masses, overrides, dict(parts or {}), samples, baseline=baseline
-    )
+        case, motion, record_sha256, building, info, masses, overrides, dict(parts or {}), samples, baseline=baseline,
+        baseline_share=share,
+    )  # fmt: skip
     return with_own_storeys(setup)
 
 
@@ -142,15 +144,16 @@ def ground_motion(case: Case) -> tuple[GroundMotion, str]:
     return _prepared(case, record), record.sha256
 
 
-def _judged_motion(case: Case) -> tuple[GroundMotion, str, str, str]:
-    """Return what `ground_motion` does, and sentences on the record's baseline and on a motion that begins with a
-    step, "" where there is none."""
+def _judged_motion(case: Case) -> tuple[GroundMotion, str, str, float, str]:
+    """Return what `ground_motion` does, a sentence on the record's baseline, "" without one, with its share of the
+    displacement, and a sentence on a motion that begins with a step."""
     record = _record(case)
     motion = _prepared(case, record)
     found = baseline_of(record, lambda accel: _prepared(case, replace(record, accel_m_s2=accel)).displacement_m)
     named = case.record
     told = sentence(found, named.name, case.record_filter.corner_hz, named.path.name) if found else ""
-    return motion, record.sha256, told, start_fault(motion, record, found, told)
+    share = found.added_m / max(found.own_m, np.finfo(float).tiny) if found else 0.0
+    return motion, record.sha256, told, share, start_fault(motion, record, found, told)
 
 
 def _record(case: Case) -> Accelerogram:

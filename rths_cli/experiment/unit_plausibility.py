@@ -27,6 +27,10 @@ def doubts(setup: Setup) -> tuple[Comparison, ...]:
     return tuple(doubts_of(one for one in _comparisons(setup) if one.key not in consented))
 
 
+OF_RIG = ("table.",)  # beginnings of the keys of a rig
+OF_IDENTIFICATION = ("structure.", "damping.", *OF_RIG, "identification.")  # of all that an identification plays
+
+
 def unit_doubts(setup: Setup) -> tuple[str, ...]:
     """Return a sentence for each doubt on the units of a case: building, specimen on its table, rig, record, numbers.
 
@@ -47,8 +51,7 @@ def doubts_building(setup: Setup) -> bool:
 
 def specimen_doubts(setup: Setup) -> tuple[str, ...]:
     """Return a sentence for each doubt that concerns an identification: on the building, its specimen and the rig."""
-    concerned = ("structure.", "damping.", "table.", "identification.")
-    return tuple(placed(setup.case, one.sentence) for one in doubts(setup) if one.key.startswith(concerned))
+    return tuple(placed(setup.case, one.sentence) for one in doubts(setup) if one.key.startswith(OF_IDENTIFICATION))
 
 
 def building_doubts(spec: StructureSpec, damping: Sequence[DampingSpec], building: Building) -> tuple[str, ...]:
@@ -76,5 +79,6 @@ def before_error(setup: Setup, error: Exception) -> tuple[str, ...]:
     advice, which are of other causes."""
     told, said = unit_doubts(setup), str(error)
     if doubts_building(setup):
-        said = f"a wrong unit would explain what followed: {re.split('[,;] ', said)[0]}"
+        followed = re.split("[,;] ", said)[0].removeprefix(f"identification of rig {setup.rig.name}: ")
+        said = f"it would explain: {followed}"
     return (*told, said)

@@ -20,10 +20,13 @@ UNEVEN = 0.25  # of the longest step, by which such a step is another
 _WITHIN = 0.75  # of the last digit: times so near to even ones are even and rounded
 
 
+UNIVERSAL = r"(15|18|55|58b?|82|151|152|164|2400|2411|2412|2414|2420|2429|2467)( |$)"  # datasets of universal files
+
+
 def format_of(lines: Sequence[str]) -> str:
     """Return which format a text is that has to be exported as CSV, as the end of a sentence; "" for any other."""
     first = [line.strip() for line in lines[:10] if line.strip()][:2]
-    if len(first) == 2 and first[0] == "-1" and re.fullmatch(r"\d{1,4}b?( .*)?", first[1]):
+    if len(first) == 2 and first[0] == "-1" and re.match(UNIVERSAL, first[1]):
         return f"is a universal file (dataset {first[1].split()[0]}); export it as CSV, one row per sample"
     if first and first[0].startswith("TIMESERIES "):
         return "is an IRIS time series (TSPAIR or SLIST); write its samples as CSV (time_s,accel_m_s2), times from 0"

@@ -95,7 +95,11 @@ OF_FILE = (
     ),
     AttributeDeclaration("model_source", "text", "where the model of the table comes from, and its age"),
     AttributeDeclaration("model_sha256", "text", "SHA-256 of the table model's numbers"),
-    AttributeDeclaration("check_verdict", "text", "of the check before the run: safe, unsafe or unstable"),
+    AttributeDeclaration(
+        "check_verdict",
+        "text",
+        "of the check of EXP-RTHS (of the shake-table test without it): safe, unsafe, unstable",
+    ),
     AttributeDeclaration(
         "error_causes", "text", "named causes of EXP-RTHS's error, one a line, and their parts of it", present=SINCE_0_2
     ),

@@ -26,14 +26,14 @@ RANGE_V = "table.converters.range_v"
 
 
 def of_rig(case: Case) -> Iterator[Comparison]:
-    """Yield what the numbers of a case's rig are compared with; a limit that the case itself makes stricter is not."""
-    stricter = {f"table.limits.{key}" for key in case.limits.model_dump(exclude_none=True)}
-    found = (*_of_limits(case.table), *_of_sensors(case.table), *_of_further_channels(case.table))
-    yield from (one for one in found if not stricter & {one.key, *one.others})
-    if isinstance(case.table, VirtualRigSpec):
+    """Yield what the numbers of a case's rig are compared with, its limits as the rig states them: a case may make them
+    as strict as it likes."""
+    rig = case.table if case.rig_limits is None else case.table.model_copy(update={"limits": case.rig_limits})
+    yield from (*_of_limits(rig), *_of_sensors(rig), *_of_further_channels(rig))
+    if isinstance(rig, VirtualRigSpec):
         from rths_cli.rigs.virtual.unit_comparisons import of_physics
 
-        yield from (one for one in of_physics(case.table) if not stricter & {one.key, *one.others})
+        yield from of_physics(rig)
 
 
 def _of_limits(rig: RigSpec) -> Iterator[Comparison]:

@@ -90,9 +90,9 @@ def _of_drifts(spec: StructureSpec, building: Building) -> Iterator[Comparison]:
     derived = by_frequency and (part == EXPERIMENTAL or isinstance(spec.numerical.stiffness_n_per_m, str))
     springs = f"{EXPERIMENTAL}.natural_frequencies_hz" if derived else f"{part}.stiffness_n_per_m"
     masses = tuple(f"{one}.masses_kg" for one in (NUMERICAL, EXPERIMENTAL))
-    units = "natural_frequencies_hz in Hz" if derived else "stiffness_n_per_m in N/m"
-    asked = f"are masses_kg in kg, and {units}?"
-    said = f"first mode {hz:.2g} Hz: the drift of storey {worst + 1}, the largest under 1 g sideways"
+    units = "frequencies in Hz" if derived else "stiffnesses in N/m"
+    asked = f"are masses in kg, {units}?"
+    said = f"mode 1 {hz:.2g} Hz, drift {worst + 1} under 1 g sideways"
     yield Comparison(springs, float(drift[worst]), "m", "1 m", 1.0, 0.0, LARGEST_DRIFT_M, masses, said, asked)
     yield Comparison(
         masses[0], hz, "Hz", "1 Hz", 1.0, 0.0, STIFFEST_HZ, (masses[1], springs), "the first mode", asked, power=0.5
@@ -103,7 +103,7 @@ def _of_masses(spec: StructureSpec) -> Iterator[Comparison]:
     own, on_table = spec.numerical.masses_kg, spec.experimental.masses_kg
     keys = (f"{NUMERICAL}.masses_kg", f"{EXPERIMENTAL}.masses_kg")
     mean = sum(on_table) / len(on_table)
-    asked = "are masses_kg in kg in both parts?"
+    asked = "are masses in kg in both parts?"
     for i, mass in enumerate(own, 1):
         said = f"floor {i}"
         yield Comparison(keys[0], mass, "kg", "the mean floor on the table", mean, 0.01, 150.0, (keys[1],), said, asked)

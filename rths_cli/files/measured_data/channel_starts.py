@@ -46,7 +46,9 @@ def start_of(value: object) -> float | None:
 def differ(columns: Sequence[Column]) -> bool:
     """Say whether the channels state starts that are not all one; a channel that states none agrees with 0 only."""
     stated = {column.start_s for column in columns}
-    return len(stated) > 1 and stated != {0.0, None}
+    if None in stated:
+        return len(stated) > 1 and stated != {0.0, None}
+    return max(stated, default=0.0) - min(stated, default=0.0) > ROUNDING_S  # type: ignore[operator, type-var]
 
 
 def numbers_of(value: object) -> tuple[float, ...]:
@@ -86,10 +88,10 @@ def aligned(path: Path, columns: tuple[Column, ...], dt_s: float) -> tuple[tuple
     whole = np.rint(places - wanted).astype(int)
     fraction = places - wanted - whole  # of a sample, by which a channel is late on the common samples
     fraction[np.abs(fraction) <= max(WHOLE, ROUNDING_S / dt_s)] = 0.0
-    if not whole.any() and not fraction.any():
-        return columns, ()
     margins = np.where(fraction != 0.0, TAPS, 0)
     lengths = np.array([len(column.values) for column in columns])
+    if not whole.any() and not fraction.any() and lengths.min() == lengths.max():
+        return columns, ()
     first, end = int((whole + margins).max()), int((whole + lengths - margins).min())
     if end - first < 3:
         raise InputError(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import make_folder, part_of, publish
+from rths_cli.files.durable_files import make_folder, part_of, publish, stamp
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_opening import RESTORE, Wanted, opened
 from rths_cli.files.hdf5_safety import LayoutError, check_storage, held, part, size_of, values_of
@@ -35,16 +35,17 @@ RECORDING = Wanted("file of measured time histories", "is not an HDF5 file; give
 def write_recording(path: Path, recording: Recording) -> Path:
     """Write a recording to HDF5 so that `read_recording` returns names, units, interval, samples, notes bit for bit.
 
-    The file appears under its name only when it is whole. It replaces nothing: where there is a file of that name, it
-    gets the next free one. Returns the name; raises InputError where the disk refuses.
+    The file appears under its name only when it is whole. It replaces an empty file at most: where another one has that
+    name, it gets the next free one. Returns the name; raises InputError where the disk refuses.
     """
     path = Path(path)
     part = part_of(path)
+    empty = stamp(path) if path.is_file() and path.stat().st_size == 0 else None
     try:
         make_folder(path.parent)
         with new_hdf5(part) as file:
             _fill(file, recording)
-        return publish(part, path, None)
+        return publish(part, path, empty)
     except (OSError, RuntimeError) as error:
         sentence = refusal(path, "cannot write the recording", error, advice=False)
         raise InputError(f"{sentence.rstrip('.')}; free space or choose another name") from error

@@ -44,7 +44,7 @@ STIFF, SOFT = (
     r"own\.yaml:1:\d+: structure\.numerical\.masses_kg: the first mode, 4[67](\.\d+)? Hz; usual is .*factor of 1000 .*"
     r": are masses in kg",
     r"own\.yaml:1:\d+: structure\.numerical\.stiffness_n_per_m: mode 1 0\.047 Hz, drift 1 under 1 g sideways, "
-    r"45\.\d+ m .*factor of 1000 .*: are masses in kg",
+    r"45\.\d+ m; .*factor of 1000 .*: are masses in kg",
 )
 LIGHT, UNEQUAL = (
     r"structure\.experimental\.masses_kg: the specimen, 0\.013 kg is 0\.13 times the lightest specimen .*: is it in kg",

@@ -147,10 +147,10 @@ def test_the_file_of_a_real_run_has_the_errors_of_the_true_floors_and_names_the_
 def test_a_run_that_a_jump_drives_to_its_stop_names_the_jump(memory: Memory) -> None:
     """Feedback follows a table sensor that jumps until the stroke ends: what is said of the sensor is the cause."""
     setup = setup_with("hachinohe_high_ff_fb", COUPLED, FEEDBACK)
-    given = added(0, 0.0, 0.0, (9.7, 50e-3))
+    given = added(0, 0.0, 0.0, (9.7, 80e-3))
     run = played(setup, memory, given)
     assert run.stopped_by and faults(setup, given, run) == []
-    assert any("channel table jumps by 50" in line and "9.70" in line for line in run.said(setup))
+    assert any("channel table jumps by 80" in line and "9.70" in line for line in run.said(setup))
 
 
 class EndStop(DriftingRig):
@@ -171,7 +171,7 @@ class EndStop(DriftingRig):
 @pytest.mark.parametrize(
     ("given", "beyond_m", "told"),
     [
-        (added(0, 0.0, 0.0, (9.7, 50e-3)), 0.06, r"table jumps by (50|49\.\d|50\.\d) mV at 9\.70"),
+        (added(0, 0.0, 0.0, (9.7, 80e-3)), 0.06, r"table jumps by (50|49\.\d|50\.\d) mV at 9\.70"),
         (added(0, 5e-3, 500.0 * MV_PER_MIN), 0.06, r"table has an offset of .* by (500|49\d|50\d) mV/min"),
         (nothing(3), 0.01, None),
         (nothing(3), 0.02, None),

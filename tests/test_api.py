@@ -284,7 +284,7 @@ def test_files_that_are_no_results_are_told(tmp_path: Path) -> None:
     (tmp_path / "text.h5").write_text("no")
     with pytest.raises(rths_cli.InputError, match="is not an HDF5 file"):
         rths_cli.load(tmp_path / "text.h5")
-    with pytest.raises(rths_cli.InputError, match="No such file"):
+    with pytest.raises(rths_cli.InputError, match=r"none\.h5: no such file; check the path"):
         rths_cli.load(tmp_path / "none.h5")
 
 

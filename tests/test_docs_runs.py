@@ -38,6 +38,7 @@ LEFT_OUT = {
     "howto/own_law.md": ["a part of a package's pyproject.toml"],
 }
 NEEDS_A_RIG = "moves a rig behind UDP, or measures the machine, in real time; tests/rigs and tests/experiment do"
+PACKAGE = "needs an installed package; tests/cli/test_plugin.py installs the one that the page shows"
 OTHERS_LEFT_OUT = {
     "howto/realtime.md": ("rths", NEEDS_A_RIG),
     "howto/rehearse.md": ("rths", NEEDS_A_RIG),
@@ -48,6 +49,7 @@ OTHERS_LEFT_OUT = {
         "needs a measured file; tests/files/measured and tests/cli/test_identify.py make some",
     ),
     "howto/cluster.md": ("robustness", "needs a cluster; tests/studies/test_engines.py starts a scheduler and workers"),
+    "howto/rig_package.md": ("rths plugin", PACKAGE),
     "reference/udp.md": ("cc", "is compiled and run by tests/rigs/test_udp_target_c.py"),
 }
 EVENLY_SPACED = re.compile(r"(=[-\d.]+:[-\d.]+):\d+$")  # values of a sweep: from, to, how many
@@ -58,6 +60,7 @@ EXAMPLES_LEFT_OUT = {
     "serve": "runs until it is stopped",
     "recover": "needs the log of a killed process",
     "merge": "needs the parts that howto/cluster.md makes",
+    "plugin": PACKAGE,
 }
 
 
@@ -154,6 +157,8 @@ def test_the_commands_of_other_pages_run(page: Path, place: Path) -> None:
         for words in run_here(page):
             if words[1] == "sweep" and "--part" not in words:
                 shutil.rmtree("sweeps", ignore_errors=True)  # a file there holds one sweep
+            if words[1] == "merge":
+                Path(words[words.index("--output") + 1]).unlink(missing_ok=True)
             code, printed = run_words(quick(words[1:]))
             assert code == 0 or (code == 1 and "refused" in printed and words[1] == "sweep"), (words, printed)
 

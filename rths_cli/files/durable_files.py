@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import chain, count
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 from rths_cli.errors import InputError
 
@@ -140,13 +140,14 @@ def taken_sentence(path: Path, name: Path) -> str:
     return f"{path}: was written by another process meanwhile, and stays; this one is {name}"
 
 
-def publish(part: Path, path: Path, seen: Stamp) -> Path:
+def publish(part: Path, path: Path, seen: Stamp | Literal["any"]) -> Path:
     """Give a whole file its name, and return the name that it got; raises OSError.
 
     It takes the place of the file with the stamp `seen` alone. Any other that stands there came from another process
-    since then and stays: the file then gets the next free of `further_names`.
+    since then and stays: the file then gets the next free of `further_names`. "any": it takes the place of whatever
+    stands there.
     """
-    if seen is not None and stamp(path) == seen:
+    if seen == "any" or (seen is not None and stamp(path) == seen):
         os.replace(part, path)
         return path
     for name in chain((path,), further_names(path)):

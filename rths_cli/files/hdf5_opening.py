@@ -105,6 +105,8 @@ def is_held(path: Path) -> bool:
 
 def unreadable(path: Path, error: Exception) -> str:
     """Return the sentence for a file that the system does not open: missing, a folder, no permission."""
+    if isinstance(error, FileNotFoundError):
+        return f"{path}: no such file; check the path"
     told = getattr(error, "strerror", None) or str(error)
     advised = "; allow this user to read it" if isinstance(error, PermissionError) else ""
     return f"{path}: cannot read: {told}{advised}."

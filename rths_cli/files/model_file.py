@@ -22,7 +22,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files import hdf5_safety as layout
-from rths_cli.files.durable_files import Stamp, make_folder, open_regular, part_of, publish, stamp
+from rths_cli.files.durable_files import Stamp, make_folder, open_regular, part_of, publish
 from rths_cli.files.hdf5 import Dataset, numbers, write_group
 from rths_cli.files.hdf5_heaps import check_image
 from rths_cli.files.hdf5_opening import HELD, RESTORE, SIGNATURE, is_held, unreadable
@@ -96,7 +96,7 @@ def write_model(
     try:
         with suppress(FileExistsError):  # a file in the folder's place: opening the part says so better
             make_folder(path.parent)
-        name = _publish(path, image, stamp(path) if replaces == "any" else replaces)
+        name = _publish(path, image, replaces)
     except OSError as error:
         sentence = refusal(path, "cannot write the model file", error, advice=False).removesuffix(".")
         raise InputError(f"{sentence}; free space or choose another folder.") from error
@@ -164,7 +164,7 @@ def _block(after: bytes) -> bytes:
     return (LEAD + hashlib.sha256(after).hexdigest().encode() + b"\n").ljust(BLOCK, b"\0")
 
 
-def _publish(path: Path, image: bytes, seen: Stamp) -> Path:
+def _publish(path: Path, image: bytes, seen: Stamp | Literal["any"]) -> Path:
     """Write bytes under a temporary name, rename and return the name; whatever happens, no part stays unless the
     process is killed."""
     part = part_of(path)

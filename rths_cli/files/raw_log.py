@@ -22,6 +22,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import open_regular, part_of, sync
+from rths_cli.files.hdf5_opening import unreadable
 from rths_cli.files.result_writer import Attribute, check_writable, refusal
 from rths_cli.files.staged_file import allocate
 from rths_cli.numerics.lti import Array
@@ -102,7 +103,7 @@ def read_header(path: Path) -> RawHeader:
             length = START.unpack(start)[2] if start.startswith(MAGIC) and len(start) == START.size else 0
             return _header(path, start + file.read(length + CHECK.size))[0]
     except (OSError, ValueError) as error:
-        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+        raise InputError(unreadable(path, error)) from error
 
 
 def read_raw_log(path: Path) -> RawLog:
@@ -112,7 +113,7 @@ def read_raw_log(path: Path) -> RawLog:
         with open_regular(path) as file:
             data = file.read()
     except (OSError, ValueError) as error:
-        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+        raise InputError(unreadable(path, error)) from error
     frames = list(_frames(data, _header(path, data)[1], len(header.names), header.steps))
     shape = len(header.names), max((first + part.shape[1] for first, part in frames), default=0)
     if VALUE.itemsize * shape[0] * shape[1] > len(data) * MOST_LOST + SPARE_BYTES:

@@ -71,7 +71,7 @@ def _read(file: Path) -> Result | Sweep | str:
     try:
         return read_checked(file, whole=True)
     except InputError as error:
-        return _as_sweep(file) if "holds a sweep" in str(error) else " ".join(error.faults)
+        return _as_sweep(file) if "holds a sweep" in str(error) else _sentence(error)
 
 
 def _as_sweep(file: Path) -> Sweep | str:
@@ -79,7 +79,12 @@ def _as_sweep(file: Path) -> Sweep | str:
     try:
         return read_sweep(file)
     except InputError as error:
-        return " ".join(error.faults)
+        return _sentence(error)
+
+
+def _sentence(error: InputError) -> str:
+    """Return the faults of a file, each closed: they stand in running text."""
+    return " ".join(f"{fault.removesuffix('.')}." for fault in error.faults)
 
 
 def _shared(result: Result) -> Result:

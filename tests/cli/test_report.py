@@ -167,7 +167,8 @@ def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("laboratory")
     (folder / "cases").mkdir()
     (folder / "quake.csv").write_text(
-        "# dt: 0.02 s\n# units: m/s^2\n" + "".join(f"{0.01 * (k % 7 - 3)}\n" for k in range(300))
+        "# dt: 0.02 s\n# units: m/s^2\n"
+        + "".join(f"{0.01 * (k % 7 - 3) * np.sin(np.pi * k / 300) ** 2}\n" for k in range(300))
     )
     keys = ("structure: three_storey", "damping: low", "record: ../quake.csv", "scaling: 1", "controller: FF")
     case = "\n".join([*keys, "runs: [sim, exp_rths]", ""])

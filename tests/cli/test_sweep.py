@@ -70,7 +70,11 @@ def test_a_sweep_that_is_killed_goes_on(folder: Path, number: int, code: int) ->
     output, messages = process.communicate(timeout=60)
     assert process.returncode == code and output == "" and "Traceback" not in messages
     kept = rows.read_text().count("\n") - 1
-    assert kept >= 3 and [path.name for path in rows.parent.iterdir()] == ["s.h5.rows"]
+    left = {path.name for path in rows.parent.iterdir()}
+    assert kept >= 3 and left - {".s.h5.lock" if number == signal.SIGKILL else ""} == {"s.h5.rows"}
+    again = rths(*words, cwd=folder)
+    assert again.returncode == 2 and f"holds {kept} runs of this sweep, which was interrupted; add" in again.stderr
+    assert [path.name for path in rows.parent.iterdir()] == ["s.h5.rows"]
     if number != signal.SIGKILL:
         assert f"{kept} of 100000 runs are kept; the same command with --resume goes on" in messages
 

@@ -269,7 +269,7 @@ def test_a_killed_writer_leaves_the_old_model_or_the_new_one(tmp_path):
 
 def test_other_files_are_named_for_what_they_are(tmp_path, written):
     path = tmp_path / "m.h5"
-    assert "cannot read: No such file" in refused(path)
+    assert refused(path) == f"{path}: no such file; check the path"
     assert "cannot read: Is a directory" in refused(tmp_path)
     path.write_text("format: rths-model\n")
     assert "is not an HDF5 file; give a model file written by rths identify" in refused(path)

@@ -232,7 +232,7 @@ def sentence(path: Path, data: bytes | None = None) -> str:
 def test_what_is_no_raw_log_is_one_sentence(tmp_path: Path) -> None:
     data = write(tmp_path / "a.rthslog")
     path = tmp_path / "b.rthslog"
-    assert "No such file" in sentence(path)
+    assert sentence(path) == f"{path}: no such file; check the path"
     assert "Is a directory" in sentence(tmp_path)
     for other in (b"", b"RTHSLOG", b"\x89HDF\r\n\x1a\n" + bytes(100), data[:15]):
         assert "is no raw log of rths" in sentence(path, other)

@@ -161,7 +161,7 @@ def test_units_and_definitions_are_read_when_they_are_asked_for(tmp_path):
     with pytest.raises(KeyError):
         read_result(tmp_path / "a.h5").units["exp_rths"]
     (tmp_path / "a.h5").unlink()
-    with pytest.raises(InputError, match=r"a\.h5: cannot read: No such file"):
+    with pytest.raises(InputError, match=r"a\.h5: no such file; check the path"):
         result.definitions["shake_table.tracking_rms_m_s2"]
 
 
@@ -424,7 +424,7 @@ def test_a_truncated_file_is_one_sentence(tmp_path, written, part):
 
 def test_foreign_later_missing_and_other_files_are_one_sentence(tmp_path, written):
     path = tmp_path / "x.h5"
-    assert "No such file" in sentence(path)
+    assert sentence(path) == f"{path}: no such file; check the path"
     assert "Is a directory" in sentence(tmp_path)
     path.write_text(json.dumps({"format": "rths-result"}))
     assert "is not an HDF5 file" in sentence(path)

@@ -41,14 +41,14 @@ def bad(tmp_path: Path) -> dict[str, Path]:
     write(tmp_path / "units.h5", units, case_name="other")
     (tmp_path / "empty").mkdir()
     words = {
-        "truncated or damaged": "cut.h5",
+        f"is truncated: {len(data) // 2} of {len(data)} bytes are there": "cut.h5",
         "is not an HDF5 file": "text.h5",
         "is not a result file of rths": "foreign.h5",
         "has format version 2": "later.h5",
         "damaged and cannot be read": "undated.h5",
         "exp_rths.rms_error_m_s2 is in mm/s^2, not m/s^2": "units.h5",
         "holds no result file": "empty",
-        "No such file": "missing.h5",
+        "no such file; check the path": "missing.h5",
     }
     return {word: tmp_path / name for word, name in words.items()}
 
@@ -135,7 +135,8 @@ def test_a_sweep_is_shown_by_its_own_text_and_a_damaged_one_told(tmp_path: Path)
     assert "swept: RMS errors" in text and "200.00" in text and "0.0100" in text
     assert report([path]).inputs.results == ()
     path.write_bytes(path.read_bytes()[:-3000])
-    assert "cannot be read" in read_inputs([path], quiet).unread[0].sentence
+    told = f"is truncated: {path.stat().st_size} of {path.stat().st_size + 3000} bytes are there"
+    assert told in read_inputs([path], quiet).unread[0].sentence
 
 
 def test_a_baseline_in_other_units_is_not_compared(tmp_path: Path) -> None:

@@ -38,11 +38,12 @@ def test_parts_are_joined_in_less_memory_than_that(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(sweep_file, "BATCH_VALUES", ROWS)
     alone = one_point()
 
-    def ready(rows: int) -> Callable[[], tuple[Sweep, bool]]:
+    def ready(rows: int) -> Callable[[], tuple[Sweep, Path, bool]]:
         paths = written_parts(rows, count, tmp_path, alone)
-        return lambda: merge_parts(paths[::-1], tmp_path / "many.h5", True, "test")
+        return lambda: merge_parts(paths[::-1], tmp_path / "many.h5", True, "test", force=True)
 
-    (merged, _), grown = growth(ready)
+    (merged, written, replaced), grown = growth(ready)
+    assert replaced and written == tmp_path / "many.h5"
     assert grown < MOST_BYTES_PER_ROW, f"{grown:.0f} bytes per row"
     agree(Tabulated(planned(ROWS, tmp_path, alone).plan, merged, page(merged, tmp_path / "many.h5")))
 

@@ -322,25 +322,36 @@ def test_own_form_comes_back_bit_for_bit(
     names = tuple(data.draw(st.lists(texts, min_size=count, max_size=count)))
     units = tuple(data.draw(st.lists(st.sampled_from(["", "V", "g", "m/s^2"]), min_size=count, max_size=count)))
     path = tmp_path_factory.getbasetemp() / "own.h5"
+    path.unlink(missing_ok=True)
     write_recording(path, Recording(path, "", dt_s, names, units, bits, tuple(notes)))
     back = read_recording(path)
     assert (back.dt_s, back.names, back.units, back.notes) == (dt_s, names, units, tuple(notes))
     assert back.samples.tobytes() == bits.tobytes()
 
 
-def test_writing_is_atomic_and_repeats_its_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "deep" / "own.h5"
+@pytest.mark.parametrize("empty", [False, True])
+def test_writing_is_atomic_repeats_its_bytes_and_replaces_no_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty: bool
+) -> None:
+    path, other = tmp_path / "deep" / "own.h5", tmp_path / "deep" / "own-2.h5"
     recording = Recording(path, "", 0.0005, NAMES, ("V", "g", "m/s^2"), SAMPLES)
-    write_recording(path, recording)
+    assert write_recording(path, recording) == path
     first = path.read_bytes()
-    write_recording(path, recording)
+    assert write_recording(path, recording) == other
+    assert path.read_bytes() == other.read_bytes() == first
+    changed = Recording(path, "", 0.1, ("a",), ("",), SAMPLES[:1])
+    other.write_bytes(b"")
+    assert write_recording(other, changed) == other and read_recording(other).dt_s == 0.1
     assert path.read_bytes() == first
+    if empty:
+        path.write_bytes(first := b"")
+    before = other.read_bytes()
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(os, "replace", full)
+    monkeypatch.setattr(os, "replace" if empty else "link", full)
     with pytest.raises(InputError, match=r"own\.h5: cannot write the recording: No space left on device; free space"):
-        write_recording(path, Recording(path, "", 0.1, ("a",), ("",), SAMPLES[:1]))
-    assert path.read_bytes() == first
-    assert os.listdir(path.parent) == ["own.h5"]
+        write_recording(path, changed)
+    assert path.read_bytes() == first and other.read_bytes() == before
+    assert sorted(os.listdir(path.parent)) == ["own-2.h5", "own.h5"]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rths_cli.files.durable_files import stamp
 from rths_cli.files.sweep_file import RowsFile, Sweep, read_sweep, rows_path, write_sweep
 from rths_cli.report.sweep_page import page
 from rths_cli.studies.grid_points import Points, check_points
@@ -101,7 +102,7 @@ def tabulate(rows: int, folder: Path, alone: Points) -> Tabulated:
     table = filled(points, np.arange(points.plan.variants))
     begun = Begun(folder / "many.h5", about(points), False)
     sweep = as_sweep(points, begun, table)
-    write_sweep(begun.path, sweep)
+    assert write_sweep(begun.path, sweep, stamp(begun.path)) == begun.path
     del table, sweep
     back = read_sweep(begun.path)
     return Tabulated(points.plan, back, page(back, begun.path))
@@ -113,7 +114,7 @@ def written_parts(rows: int, count: int, folder: Path, alone: Points) -> list[Pa
     paths = [folder / f"part{k}.h5" for k in range(1, count + 1)]
     for k, (path, variants) in enumerate(zip(paths, np.array_split(np.arange(rows), count), strict=True), 1):
         begun = Begun(path, about(points) | {"part": f"{k}/{count}"}, False)
-        write_sweep(path, as_sweep(points, begun, filled(points, variants), variants))
+        assert write_sweep(path, as_sweep(points, begun, filled(points, variants), variants), stamp(path)) == path
     return paths
 
 

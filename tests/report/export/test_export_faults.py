@@ -46,7 +46,8 @@ def test_every_fault_is_told_and_nothing_is_written(result: Path, tmp_path: Path
     assert len(told) == 6 and not (tmp_path / "out").exists()
     for name, words in {
         "empty": "holds no result file", "cut.h5": "truncated", "text.h5": "not an HDF5 file",
-        "other.h5": "not a result file of rths", "later.h5": "format version 2", "gone.h5": "No such file",
+        "other.h5": "not a result file of rths", "later.h5": "format version 2",
+        "gone.h5": "no such file; check the path",
     }.items():  # fmt: skip
         assert sum(name in sentence and words in sentence for sentence in told) == 1, (name, told)
 

@@ -28,7 +28,8 @@ MOVED = {"rths_cli.lti": "rths_cli.numerics.lti", "rths_cli.rig_info": "rths_cli
 """Modules of version 1, and where their names are now."""
 OLD_NAMES: set[str] = set()
 """The old names that plug-ins of this process have asked for; told once the table is at rest."""
-_TOLD: set[str] = set()
+TOLD: set[str] = set()
+"""The sentences that this process has warned of."""
 
 
 def stated_interface(point: EntryPoint, who: str) -> int:
@@ -77,8 +78,8 @@ def missing_name(error: BaseException) -> str:
 
 def tell_once(sentence: str) -> None:
     """Warn on stderr, once in a process; "" is nothing."""
-    if sentence and sentence not in _TOLD:
-        _TOLD.add(sentence)
+    if sentence and sentence not in TOLD:
+        TOLD.add(sentence)
         logging.getLogger("rths_cli").warning("warning: %s", sentence)
 
 

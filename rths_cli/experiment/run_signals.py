@@ -108,7 +108,7 @@ def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: i
         estimated=log.estimated[:, table],
         base_shear_n=log.base_shear_n[:count],
         command_v=log.command_v[table],
-        true_accel=_mean_accelerations(log.true_velocity_m_s, table, dt_s),
+        true_accel=mean_accelerations(log.true_velocity_m_s, table, dt_s),
         true_disp_m=log.true_displacement_m[table],
         compute_s=log.compute_ns[table] * 1e-9,
         live=_live(log, table),
@@ -134,7 +134,7 @@ def _live(log: Signals, table: slice) -> dict[str, Array]:
     return {name: values[table] for name, values in named.items()}
 
 
-def _mean_accelerations(velocity_m_s: Array, at: slice, dt_s: float) -> Array:
+def mean_accelerations(velocity_m_s: Array, at: slice, dt_s: float) -> Array:
     """Return the mean accelerations (c, .) over the steps around samples `at`, from velocities (c, n) between samples,
     the first half a step after the start from rest."""
     accel = np.empty((len(velocity_m_s), at.stop - at.start))

@@ -230,7 +230,7 @@ def page(found: Identification, about: About) -> str:
         _data(about),
         _channels(found.channels, found.compared),
         _table(found),
-        _roots(found.roots),
+        root_lines(found.roots),
         _residuals(found.residuals),
         [*_levels(found.levels, found.causes, found.compared), *_friction(found)],
         specimen_lines(found),
@@ -356,7 +356,7 @@ def _fit(name: str, model: Model, error: FitError) -> list[str]:
     return [name, *size, percent(error.rms), percent(error.largest), percent(error.rms_mid)]
 
 
-def _roots(roots: Sequence[Root]) -> list[str]:
+def root_lines(roots: Sequence[Root]) -> list[str]:
     """Return a line for each root or pair of roots of the best model."""
     rows = [["", "frequency (Hz)", "damping ratio (%)"]]
     for root in roots:

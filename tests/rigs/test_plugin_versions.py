@@ -57,7 +57,7 @@ def plug(monkeypatch: pytest.MonkeyPatch) -> Plug:
             monkeypatch.setattr(sys, "meta_path", [Loader(), *sys.meta_path])
         points = [EntryPoint("shaker", "shaker_package:make", plugin_rig_names.GROUP)]
         monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points)
-        monkeypatch.setattr(plugin_interface, "_TOLD", set())
+        monkeypatch.setattr(plugin_interface, "TOLD", set())
         monkeypatch.setattr(plugin_interface, "OLD_NAMES", plugin_interface.OLD_NAMES)
         plugin_interface.OLD_NAMES.clear()
         return module

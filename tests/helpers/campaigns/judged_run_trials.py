@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from campaigns.random_case_draw import _frequencies, _log_uniform, _varied
+from campaigns.random_case_draw import frequencies, log_uniform, varied_rig
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment import identify_on_rig
 from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import TABLE_RUNS, RunKind, plan_run, play_run
-from rths_cli.experiment.run_signals import _mean_accelerations
+from rths_cli.experiment.run_signals import mean_accelerations
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.table_runs_of_case import why_none, why_unsafe
 from rths_cli.loop.simulated_time_run import Outcome
@@ -78,14 +78,14 @@ def draw(seed: int) -> dict[str, object]:
     floors, storeys = int(random.integers(1, 5)), int(random.integers(1, 4))
     masses = random.uniform(3.0, 9.0, floors)
     shape = 2.0 ** random.uniform(-0.5, 0.5, floors)
-    hz = _log_uniform(random, *FIRST_MODE_HZ)
-    springs = shape * (2.0 * np.pi * hz / _frequencies(masses, shape)[0]) ** 2
+    hz = log_uniform(random, *FIRST_MODE_HZ)
+    springs = shape * (2.0 * np.pi * hz / frequencies(masses, shape)[0]) ** 2
     own = masses.mean() * 2.0 ** random.uniform(-0.5, 1.5, storeys)
     own_shape = 2.0 ** random.uniform(-0.5, 0.5, storeys)
     own_hz = hz * 2.0 ** random.uniform(-1.0, 1.0)
-    own_springs = own_shape * (2.0 * np.pi * own_hz / _frequencies(own, own_shape)[0]) ** 2
-    dashpots = own_springs * 2.0 * _log_uniform(random, 0.005, 0.08) / (2.0 * np.pi * own_hz)
-    table = _varied(random, float(masses.sum()), float(masses.sum()) * 1.3)
+    own_springs = own_shape * (2.0 * np.pi * own_hz / frequencies(own, own_shape)[0]) ** 2
+    dashpots = own_springs * 2.0 * log_uniform(random, 0.005, 0.08) / (2.0 * np.pi * own_hz)
+    table = varied_rig(random, float(masses.sum()), float(masses.sum()) * 1.3)
     table["converters"] = {"bits": int(random.choice([14, 16, 18])), "latency_samples": int(random.integers(0, 5))}
     return {
         "name": f"judged_{seed}",
@@ -118,7 +118,7 @@ def setup_of(seed: int, folder: Path) -> Setup:
     path = folder / f"judged_{seed}.yaml"
     path.write_text(json.dumps(draw(seed)))
     setup = make_setup(load_cases([path])[0])
-    share = _log_uniform(np.random.default_rng((seed, 45)), *SHARES)
+    share = log_uniform(np.random.default_rng((seed, 45)), *SHARES)
     return make_setup(load_cases([path], [f"scaling={share / max(Truth(setup).shares.values())!r}"])[0])
 
 
@@ -159,7 +159,7 @@ def _moved(run: str, outcome: Outcome, setup: Setup) -> Moved:
     """Return the true peaks of a run."""
     log = outcome.log
     table = slice(0, log.true_velocity_m_s.shape[1])
-    accel = _mean_accelerations(log.true_velocity_m_s, table, setup.rig.dt_s)[0]
+    accel = mean_accelerations(log.true_velocity_m_s, table, setup.rig.dt_s)[0]
     stopped = outcome.stopped_by_limit or outcome.rig_fault or ""
     return Moved(run, 0.0, _peak(accel), 0.0, _peak(log.true_displacement_m), "", stopped)
 

@@ -36,14 +36,14 @@ def draw(seed: int, records: Path) -> Drawn:
     floors = int(random.integers(1, 9))
     masses = _masses(random, floors, payload)
     stiffness = _chain(random, masses)
-    ratios = _log_uniform(random, *DAMPING_RATIOS) * 2.0 ** random.uniform(-1.0, 1.0, floors)
+    ratios = log_uniform(random, *DAMPING_RATIOS) * 2.0 ** random.uniform(-1.0, 1.0, floors)
     storeys = int(random.integers(1, 7))
     own = masses.mean() * 2.0 ** random.uniform(0.0, 2.0, storeys)
     shape = random.uniform(0.5, 1.5, storeys)
-    first = _frequencies(own, shape)[0]
-    hz = _log_uniform(random, 1.0, 10.0)
+    first = frequencies(own, shape)[0]
+    hz = log_uniform(random, 1.0, 10.0)
     springs = shape * (2.0 * np.pi * hz / first) ** 2
-    dashpots = springs * 2.0 * _log_uniform(random, 0.005, 0.1) / (2.0 * np.pi * hz)
+    dashpots = springs * 2.0 * log_uniform(random, 0.005, 0.1) / (2.0 * np.pi * hz)
     room = payload - float(masses.sum())
     share = float(random.uniform(0.05, 0.6)) if random.random() < 0.3 else 0.0
     record = str(random.choice(RECORDS))
@@ -67,12 +67,13 @@ def draw(seed: int, records: Path) -> Drawn:
         "sample_rate_hz": float(random.choice(RATES_HZ)),
         "seed": seed,
         "runs": ["sim", "exp_rths"],
-        "table": _default(random) if plain else _varied(random, float(masses.sum()), payload),
+        "table": _default(random) if plain else varied_rig(random, float(masses.sum()), payload),
     }
-    return Drawn(seed, case, float(_log_uniform(random, *SHARES)))
+    return Drawn(seed, case, float(log_uniform(random, *SHARES)))
 
 
-def _log_uniform(random: np.random.Generator, low: float, high: float) -> float:
+def log_uniform(random: np.random.Generator, low: float, high: float) -> float:
+    """Draw a number between two others, evenly in its logarithm."""
     return float(np.exp(random.uniform(np.log(low), np.log(high))))
 
 
@@ -89,14 +90,14 @@ def _chain(random: np.random.Generator, masses: Array) -> Array:
         shape = 2.0 ** random.uniform(-1.0, 1.0, len(masses))
         if random.random() < 0.1:
             shape[random.integers(len(masses))] *= 0.01
-        relative = _frequencies(masses, shape) / (2.0 * np.pi)
+        relative = frequencies(masses, shape) / (2.0 * np.pi)
         lowest, highest = MODES_HZ[0] / relative[0], MODES_HZ[1] / relative[-1]
         if highest > lowest:
-            return np.asarray(shape * _log_uniform(random, lowest, highest) ** 2)
+            return np.asarray(shape * log_uniform(random, lowest, highest) ** 2)
     raise AssertionError("no chain in the band")
 
 
-def _frequencies(masses: Array, stiffness: Array) -> Array:
+def frequencies(masses: Array, stiffness: Array) -> Array:
     """Return natural frequencies in rad/s, ascending."""
     root = np.sqrt(masses)
     return np.sqrt(np.linalg.eigvalsh(storey_matrix(stiffness) / np.outer(root, root)))
@@ -112,7 +113,7 @@ def _default(random: np.random.Generator) -> dict[str, object]:
     return {"extends": "aps400_virtual", "converters": _converters(random), **friction}
 
 
-def _varied(random: np.random.Generator, specimen_kg: float, payload_kg: float) -> dict[str, object]:
+def varied_rig(random: np.random.Generator, specimen_kg: float, payload_kg: float) -> dict[str, object]:
     """Return a rig with other physics, sensors and noise; its data sheet is right to a few per cent."""
     moving, gain, force = random.uniform(4.0, 12.0), random.uniform(0.006, 0.01), random.uniform(200.0, 450.0)
     return {
@@ -130,7 +131,7 @@ def _varied(random: np.random.Generator, specimen_kg: float, payload_kg: float) 
             "force_limit_n": force,
         },
         "sensors": {
-            "noise_rms_m_s2": _log_uniform(random, 5e-5, 1e-3),
+            "noise_rms_m_s2": log_uniform(random, 5e-5, 1e-3),
             "high_pass_hz": float(random.choice([0.0, 0.024, 0.05, 0.1, 0.3])),
             "low_pass_hz": float(random.choice([0.0, 300.0, 800.0, 1549.0])),
         },

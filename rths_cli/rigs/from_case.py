@@ -378,26 +378,13 @@ def true_values(case: Case, info: RigInfo) -> dict[str, Array]:
 
 def skew_faults(case: Case, info: RigInfo) -> list[str]:
     """Return a sentence where the command of a virtual rig with latency would act too far from its clock, by the key
-    that states it: more than FARTHEST of a sample interval, before or after the identification."""
-    if not isinstance(case.table, VirtualRigSpec) or info.latency_samples == 0:
+    that states it."""
+    if not isinstance(case.table, VirtualRigSpec):
         return []
-    from rths_cli.rigs.virtual.imperfect.plant import FARTHEST
+    from rths_cli.rigs.virtual.imperfect.skew_check import skew_faults as of_spec
 
-    limit_s, changed = FARTHEST * info.dt_s, case.table.after_identification.command_skew_s
     own_s = float(np.ravel(true_values(case, info).get("converters.command_skew_s", 0.0))[0])
-    of_interval = f"{FARTHEST:g} of the sample interval"
-    if abs(own_s) > limit_s:
-        return [
-            f"table.imperfections.converters.command_skew_s: must be within +-{1e6 * limit_s:.4g} us, {of_interval}, "
-            f"got {1e6 * own_s:.4g} us"
-        ]
-    if changed and abs(own_s + changed) > limit_s:
-        beside = f" beside the {1e6 * own_s:.4g} us of table.imperfections.converters.command_skew_s" if own_s else ""
-        return [
-            f"table.after_identification.command_skew_s: must be within +-{1e6 * limit_s:.4g} us, {of_interval}"
-            f"{beside}, got {1e6 * changed:.4g} us"
-        ]
-    return []
+    return of_spec(case.table, info, own_s)
 
 
 def true_values_of_run(

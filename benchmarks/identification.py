@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from rths_cli.case.load import load_cases
-from rths_cli.experiment.identify_on_rig import excite, identify, plan
+from rths_cli.experiment.excitation_plan import plan
+from rths_cli.experiment.identify_on_rig import excite, identify
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.frequency_response import estimate
 from rths_cli.identification.record_parts import Record

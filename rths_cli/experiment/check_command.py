@@ -341,7 +341,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
 def excitations(setup: Setup, known: Known) -> list[tuple[str, tuple[str, ...]]]:
     """Return label and faults of the excitations that are played before the table runs of a case; () if it is safe."""
     from rths_cli.experiment.excitation_check import excitation_faults
-    from rths_cli.experiment.identify_on_rig import excitation_settings, plan
+    from rths_cli.experiment.excitation_plan import excitation_settings, plan
     from rths_cli.identification.low_level_probe import probe_plan
 
     settings = excitation_settings(setup.case.identification)

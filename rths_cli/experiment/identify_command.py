@@ -12,8 +12,9 @@ import numpy as np
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.case_warnings import differences
+from rths_cli.experiment.excitation_plan import plan
 from rths_cli.experiment.identify_from_files import CORRECTED, DataRequest, read_measured
-from rths_cli.experiment.identify_on_rig import Measured, UnfitRig, evaluated, evaluation_settings, measure, noted, plan
+from rths_cli.experiment.identify_on_rig import Measured, UnfitRig, evaluated, evaluation_settings, measure, noted
 from rths_cli.experiment.identify_output import PROBE, Outputs, check_outputs, make_folders
 from rths_cli.experiment.model_choice import as_model, notes_on
 from rths_cli.experiment.model_files import channel_names, load, save

@@ -17,12 +17,13 @@ from rths_cli.control.interface import no_force
 from rths_cli.control.state_space import static
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment.excitation_check import excitation_faults
+from rths_cli.experiment.excitation_plan import excitation_settings, plan
 from rths_cli.experiment.lost_sample_counts import losses_of
 from rths_cli.experiment.rig_access import IDENTIFICATION, PROBE, VERIFICATION, guard_limits, open_rig
 from rths_cli.experiment.setup import Progress, Setup
 from rths_cli.identification import excitation, low_level_probe
 from rths_cli.identification.channel_signals import UnfitRecord
-from rths_cli.identification.excitation import Excitation, ExcitationSettings
+from rths_cli.identification.excitation import Excitation
 from rths_cli.identification.identify import LEAST_LEVELS, IdentificationSettings
 from rths_cli.identification.identify import identify as evaluate
 from rths_cli.identification.inputs import BAND_HZ, PAPER_BAND_HZ, level_ratio
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 MOST_PLAYED = 3  # times that an excitation is played if samples are lost; what was measured before it is kept
 MOST_ATTEMPTS = 3  # excitations of a table that is overdriven, each at half the level of the one before
 SEED_STEP = 7919  # difference of the seeds of several records
-PERIOD_S = {"multisine": 20.0, "sweep": 40.0}  # longer where the compared band begins below the usual 0.7 Hz
 SESSIONS = {IDENTIFICATION: "identification", PROBE: "probe", VERIFICATION: "verification"}
 RECORDS = {IDENTIFICATION: "full level", PROBE: "probe", VERIFICATION: "verification"}
 ADVICE = "lower identification.accel_rms_m_s2"
@@ -84,15 +84,6 @@ class Measured:
         return digest.hexdigest()
 
 
-def excitation_settings(options: IdentificationSpec) -> ExcitationSettings:
-    """Return the settings of the excitation that a case requests."""
-    o, compared = options, ComparedBand(*options.compared_hz)
-    usual_s = PERIOD_S.get(options.excitation, 20.0) / min(compared.with_low(1.0), 1.0)
-    return ExcitationSettings(
-        o.duration_s, o.accel_rms_m_s2, o.low_hz, o.high_hz, o.excitation, options.period_s or usual_s, compared
-    )
-
-
 def evaluation_settings(setup: Setup) -> IdentificationSettings:
     """Return the settings of the evaluation that a case requests."""
     options, heights = setup.case.identification, setup.building.heights_m
@@ -109,12 +100,6 @@ def evaluation_settings(setup: Setup) -> IdentificationSettings:
         compared=compared,
         heights_m=None if heights is None else tuple(heights[-len(setup.floor_masses_kg) :].tolist()),
     )
-
-
-def plan(setup: Setup) -> Excitation:
-    """Return the planned excitation of the case's rig; raises InputError if its settings cannot be met."""
-    options = setup.case.identification
-    return interruptible(lambda: excitation.plan(setup.rig, excitation_settings(options), options.seed))
 
 
 def identify(

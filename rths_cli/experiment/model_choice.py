@@ -80,7 +80,7 @@ class Memory:
     def plan(self, setup: Setup) -> Excitation:
         """Return the excitation of the setup's rig; raises InputError when its settings cannot be met."""
         if key(setup) not in self._plans:
-            from rths_cli.experiment.identify_on_rig import plan
+            from rths_cli.experiment.excitation_plan import plan
 
             self._plans[key(setup)] = plan(setup)
         return self._plans[key(setup)]

@@ -14,7 +14,8 @@ from rths_cli.errors import LimitError
 from rths_cli.experiment.check_command import Verdict, excitations, verdict_on
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.excitation_check import excitation_faults, excitation_reach
-from rths_cli.experiment.identify_on_rig import excite, plan
+from rths_cli.experiment.excitation_plan import plan
+from rths_cli.experiment.identify_on_rig import excite
 from rths_cli.experiment.model_choice import Known
 from rths_cli.experiment.one_table_run import HYBRID_TEST, SHAKE_TABLE_TEST, plan_run, play_run, run_of
 from rths_cli.experiment.setup import Setup, make_setup

@@ -30,6 +30,7 @@ SHORT = {  # words behind the script, and what it prints when it came to its end
         "2 of 2 missing terms noticed",
     ),
     "udp_fuzz.py": (("20",), "runner"),
+    "unit_slips.py": (("--bases", "none", "--right", "5"), "^right files doubted: 0 of 5"),  # slips: tests/experiment
 }
 IMPORTED = {  # why a script is imported here and not run
     "accuracy.py": "its smallest section plays twenty runs",
@@ -37,13 +38,16 @@ IMPORTED = {  # why a script is imported here and not run
     "check_laws.py": "judges by what preflight.py runs here",
     "check_specimens.py": "designs and plays one test in eight ways",
     "diagnosis.py": "tests/identification/test_storeys.py judges its chains",
+    "disturbed_runs.py": "plays whole laboratories for minutes; tests/loop/test_freezes.py plays gaps",
     "drifting_sensors.py": "its runs are whole records; tests of drift play them",
+    "few_bits.py": "tests/experiment/test_few_bits.py plays its first laboratory",
     "full_disk.py": "mounts a file system, which needs root",
     "hostile_options.py": "tests/cli/test_hostile_options.py runs a sample",
     "identification.py": "identifies four times by long records",
     "imperfections.py": "plays four cases for each imperfection",
     "integration_schemes.py": "solves one building by ten schemes at many steps",
     "jitter.py": "measures this machine in real time",
+    "judged_runs.py": "tests/experiment/test_table_test_check.py plays some of its tests",
     "kill.py": "tests/experiment/test_kill.py runs it",
     "laboratories.py": "its smallest size identifies, checks and plays a laboratory; tests/experiment does",
     "library_change.py": "compares two states of the source tree",
@@ -55,6 +59,7 @@ IMPORTED = {  # why a script is imported here and not run
     "random_tests.py": "has no main: preflight.py draws by it",
     "range_ends.py": "tests/experiment/test_range_ends.py runs a sample",
     "report.py": "needs results",
+    "sensor_faults_at_peak.py": "tests/experiment/test_planned_motion.py plays its faults",
     "stalls.py": "plays ten laboratories; tests/loop/test_run_stalls.py plays one",
     "stuck_floors.py": "plays random tests many times; tests/loop plays stuck floors",
     "studies.py": "estimates indices by many samples",

@@ -34,6 +34,12 @@ OF_LAWS = (
 OF_CALIBRATION, OF_BASE = ("check.true_error", "check.calibration_error"), "check.pitch_error"
 LINEAR = {path for path in metrics_of("check") if not path.startswith((*OF_LAWS, *OF_CALIBRATION, OF_BASE))}
 """The figures of a check of a linear building on a rig that is as declared, whose base is not seen to pitch."""
+OF_RUNS = {
+    path
+    for path in LINEAR
+    if path.startswith(("check.shake_table_", *(f"check.exp_rths_{of}_" for of in ("planned", "guard"))))
+}
+"""Those that the verdict adds to what is found of the hybrid loop: the table test, and plan and guard of each run."""
 TRUE_ERROR = {path for path in metrics_of("check") if path.startswith(OF_CALIBRATION)}
 """Those that a rig has beside them some of whose sensors, instants or masses are uncertain."""
 

@@ -304,8 +304,11 @@ def test_the_document_holds_every_number_of_the_page():
     assert document["agree"] == [True, False]
     assert document["roots"][1] == {
         "kind": "pole", "frequency_hz": 16.388, "damping_ratio": None, "frequency_error_hz": 0.0062,
-        "damping_error": None,
+        "damping_error": None, "determined": True,
     }  # fmt: skip
+    vague = (replace(found.roots[0], damping_error=found.roots[0].damping_ratio), *found.roots[1:])
+    told = as_document(replace(found, roots=vague), ABOUT)["roots"]
+    assert [root["determined"] for root in told] == [False, True, True]
     assert document["residuals"][1]["scatter"] == 0.00094 and document["candidates"][1]["chosen"] is True
     level = document["levels"][0]
     assert complex(level["ratio_real"], level["ratio_imag"]) == found.levels[0].ratio

@@ -108,6 +108,8 @@ def test_errors_are_plotted_in_the_test_band_with_their_peaks(whole: Result, tex
 def test_the_first_section_shows_verdict_building_and_record(tmp_path: Path) -> None:
     metrics = {
         "exp_rths.nrmse_percent": np.array([0.5, 3.1, 0.2]),
+        "exp_rths.true_error_bound_percent": np.array([0.7, 3.4, 0.3]),
+        "exp_rths.true_error_median_percent": np.array([0.4, 1.8, 0.2]),
         "exp_rths.rms_error_m_s2": np.array([0.001, 0.002, 0.003]),
         "exp_rths.peak_abs_accel_m_s2": np.array([1.5, 2.25, 3.125]),
         "exp_rths.peak_inter_storey_drift_m": np.array([0.004, 0.003, 0.002]),
@@ -118,7 +120,7 @@ def test_the_first_section_shows_verdict_building_and_record(tmp_path: Path) -> 
     found = page_reader.read(text)
     words = " ".join(found.words().split())
     assert verdict(result) in words and verdict(result).startswith(
-        "USABLE: on a virtual rig the worst RMS error is 3.10 % of SIM (storey 2)"
+        "USABLE: on a virtual rig true error below 3.40 % of SIM with 95 %, as likely as not below 1.80 % (storey 2)"
     )
     assert words.index(verdict(result)) < words.index("Response by storey") < words.index("Status and limits")
     assert (

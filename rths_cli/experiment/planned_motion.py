@@ -130,9 +130,7 @@ def foreseen_causes(limits: GuardLimits, planned: PlannedMotion | None) -> dict[
     if planned is None:
         return {}
     if not planned.predicted and not planned.own_parts:
-        said = (
-            f"on the identified rig it does not settle either, or moves {SETTLES:g} times as far as desired"
-        )
+        said = f"on the identified rig it does not settle either, or moves {SETTLES:g} times as far as desired"
         cause = Cause(said, UNSETTLED)
         return dict.fromkeys((*OF_COMMAND, *OF_TABLE, guard.ACCELERATION, guard.FORCE, guard.SATURATED), cause)
     known: dict[int, Cause] = {}

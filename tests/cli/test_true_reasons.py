@@ -115,3 +115,20 @@ def test_what_is_to_be_played_on_a_real_rig_is_not_told_as_if_it_moved(monkeypat
     with pytest.raises(Refused):
         probed(real, said.append)
     assert len(said) == 1 and said[0].startswith("probe of ") and said[0].endswith("getting ready, nothing moves yet")
+
+
+def test_a_fault_of_ours_after_a_busy_file_is_not_too_little_memory() -> None:
+    try:
+        try:
+            raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+        except BlockingIOError:
+            raise ValueError("of ours")  # noqa: B904
+    except ValueError as error:
+        assert out_of_memory(error) == ""
+    try:
+        try:
+            raise MemoryError
+        except MemoryError:
+            raise ValueError("of ours") from None
+    except ValueError as error:
+        assert out_of_memory(error) == ""

@@ -25,7 +25,7 @@ from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.run_command import Request, run_batch
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.table_runs_of_case import why_none
-from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.experiment.unit_plausibility import keys_in_doubt, unit_doubts
 from rths_cli.files.result_reader import read_result
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.results import Identification
@@ -254,3 +254,26 @@ def test_identification_doubts_before_it_excites_a_real_rig_and_before_it_blames
     made = make_model(wanted, lambda _: None, permit)
     assert made.unfit is not None and re.search(SOFT, made.unfit.faults[0])
     assert made.unfit.faults[1:] == ("channel floor_5: dead",) and said == ["excited"]
+
+
+def test_a_stricter_limit_of_the_case_hides_no_doubt_on_the_rig() -> None:
+    slips = ("table.limits.velocity_m_s=9", "table.limits.force_n=400000", "table.limits.stroke_m=0.75")
+    wanted = {"table.limits.velocity_m_s", "table.limits.stroke_m"}
+    for stricter in ((), ("limits.acceleration_m_s2=40",), ("limits.stroke_m=0.07",)):
+        setup = make_setup(load_cases(["el_centro_low_ff_fb"], (*slips, *stricter))[0])
+        assert wanted & set(keys_in_doubt(setup)), stricter
+        assert len(keys_in_doubt(setup)) == len(
+            keys_in_doubt(make_setup(load_cases(["el_centro_low_ff_fb"], slips)[0]))
+        )
+    assert keys_in_doubt(make_setup(load_cases(["el_centro_low_ff_fb"], ("limits.stroke_m=0.004",))[0])) == ()
+
+
+def test_consent_is_asked_for_the_keys_that_are_played_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rths_cli.numerics.clock.require_real_time", lambda: None)
+    setup = make_setup(load_cases(["el_centro_low_ff_fb"], ("table=udp_example", "scaling=30"))[0])
+    (doubted,) = keys_in_doubt(setup)
+    assert doubted == "scaling"
+    with pytest.raises(InputError, match="scaling"):
+        ask_to_move([setup], False, lambda lines: True)
+    with pytest.raises(InputError, match="nobody can be asked"):
+        ask_to_move([setup], False, lambda lines: True, played=("structure.", "table."))

@@ -8,7 +8,7 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import read_accelerogram
-from rths_cli.files.foreign_texts import rounded_times
+from rths_cli.files.foreign_texts import format_of, rounded_times
 from rths_cli.files.measured_data import mend, read_recording
 
 TIME_S = np.arange(400) * 0.004
@@ -120,3 +120,8 @@ def test_both_readers_know_the_same_units_and_codings(tmp_path: Path, unit: str,
 
 def test_a_megagram_is_no_acceleration(tmp_path: Path) -> None:
     assert "'Mg' is not one of the units" in refusal(tmp_path / "a.csv", read_accelerogram, "t (s),a (Mg)\n0,1\n1,2\n")
+
+
+def test_a_column_of_whole_numbers_is_no_universal_file() -> None:
+    assert format_of(["-1", "4", "9", "12"]) == "" == format_of(["-1", "100", "-3"])
+    assert format_of(["    -1", "    58", "made here"]).startswith("is a universal file (dataset 58)")

@@ -174,3 +174,16 @@ def test_text_that_states_other_clocks_than_its_time_is_refused(tmp_path: Path, 
     head = [f"{key}\t{values}", "X_Value\tcommand (V)\ttable (m/s^2)\tfloor_2 (m/s^2)"]
     rows(tmp_path / "d.txt", head, [time_s, *sampled((0.0, 0.0, 0.0))], "\t")
     assert ("1.5 ms" if key == "X0" else "Delta_X") in refusal(tmp_path / "d.txt")
+
+
+def test_starts_that_differ_by_their_rounding_are_one_and_lengths_must_agree(tmp_path: Path) -> None:
+    for count in (N, N - 1):
+        with h5py.File(tmp_path / f"{count}.h5", "w") as file:
+            file.attrs["dt_s"] = DT_S
+            for name, values, start in zip(
+                NAMES, sampled((0.0, 0.0, 0.0), (N, count, N)), (0.0, 1e-8, 0.0), strict=True
+            ):
+                file[name] = values
+                file[name].attrs["t0"] = start
+    check(tmp_path / f"{N}.h5", 0.0, 1e-12)
+    assert "samples" in refusal(tmp_path / f"{N - 1}.h5")

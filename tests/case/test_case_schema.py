@@ -131,5 +131,6 @@ def test_a_reference_finds_what_fits_record_damping_and_controller() -> None:
     assert spec.figures_for("c", "low", "FF") == {}
 
 
-def test_a_case_has_the_keys_of_the_file_and_five_more() -> None:
-    assert set(Case.model_fields) - set(CaseKeys.model_fields) == {"path", "yaml_text", "rig_file", "stated", "places"}
+def test_a_case_has_the_keys_of_the_file_and_six_more() -> None:
+    more = {"path", "yaml_text", "rig_file", "rig_limits", "stated", "places"}
+    assert set(Case.model_fields) - set(CaseKeys.model_fields) == more

@@ -171,7 +171,7 @@ class EndStop(DriftingRig):
 @pytest.mark.parametrize(
     ("given", "beyond_m", "told"),
     [
-        (added(0, 0.0, 0.0, (9.7, 80e-3)), 0.06, r"table jumps by (50|49\.\d|50\.\d) mV at 9\.70"),
+        (added(0, 0.0, 0.0, (9.7, 50e-3)), 0.06, r"table jumps by (50|49\.\d|50\.\d) mV at 9\.70"),
         (added(0, 5e-3, 500.0 * MV_PER_MIN), 0.06, r"table has an offset of .* by (500|49\d|50\d) mV/min"),
         (nothing(3), 0.01, None),
         (nothing(3), 0.02, None),

@@ -119,7 +119,7 @@ def test_a_command_out_of_range_that_was_foreseen_accuses_no_sensor(usual: Made)
     needs = PlannedMotion(8.7e-3, 8.8e-3, 1e-3, np.array([0.8, 1.2, 1.6]), 0.8, 0.05, "")
     assert foreseen_causes(limits, needs) == {}
     grows = foreseen_causes(limits, replace(needs, predicted=False))
-    assert "its motion grows by itself" in grows[COMMAND].what and TRACKING in grows
+    assert "it does not settle either" in grows[COMMAND].what and TRACKING in grows
     far = foreseen_causes(limits, replace(needs, reach_m=0.1))
     assert "predicted to need 100 mm" in far[STROKE].what and TRACKING not in far
     deaf = foreseen_causes(limits, replace(needs, listens=False))

@@ -151,7 +151,7 @@ def test_a_tall_building_fits_a_page(write: Write) -> None:
 def test_a_doubt_on_units_stands_first(write: Write) -> None:
     found = inspect_structure(str(write(OWN.replace("8000, 8000, 7000", "8, 8, 7"))))
     (line,) = (line for line in page(found).splitlines() if line.startswith("warning"))
-    assert "own.yaml: numerical.stiffness_n_per_m: first mode 0.0" in line and page(found).splitlines()[1] == line
+    assert "own.yaml: numerical.stiffness_n_per_m: mode 1 0.0" in line and page(found).splitlines()[1] == line
     assert document(found)["warnings"] == list(found.warnings) != []
 
 

@@ -35,9 +35,9 @@ def test_all_faults_are_told_at_once(tmp_path):
         load([tmp_path / "bad.h5", tmp_path / "missing.h5", tmp_path / "empty"])
     assert len(caught.value.faults) == 3
     assert sorted(fault.split(": ")[1].split(" (")[0] for fault in caught.value.faults) == [
-        "cannot read",
         "holds no result file",
         "is not an HDF5 file; give a result file written by rths run.",
+        "no such file; check the path",
     ]
 
 

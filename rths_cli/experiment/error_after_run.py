@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis.error_budget import at_full_rate
-from rths_cli.analysis.predicted_error import noise_shown_and_true
+from rths_cli.analysis.predicted_error import noise_shown_and_true, white_noise_m_s2
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim_fourier_lines import sim_lines
 from rths_cli.analysis.true_error import (
@@ -55,6 +55,7 @@ MOST_UNEXPLAINED = 0.1  # of the floors' motion: what a chain of storeys on the 
 OF_IDENTIFIED = 3.0  # times what it left at the identification: the same limit of a specimen that is no such chain
 AFTER_GAP = 3  # samples after a gap that tell what the table did in it
 GAP_ERROR = 0.3  # standard uncertainty of what is reconstructed of gaps, over what it changes
+OF_SAMPLES = 0.5  # of what is left unexplained, from which noise and rounding of the samples explain it
 BELOW_FIRST = 0.5  # the lines of the fit begin at this fraction of the specimen's first natural frequency or lower
 
 
@@ -104,13 +105,13 @@ def error_after_run(uncertain: Uncertain | None, run: Run) -> AfterRun:
     found = specimen_in_run(uncertain, measured)
     if isinstance(found, str):
         return AfterRun(values, why_none=found)
-    values |= _as_figures(uncertain, found)
     if found.unexplained > max(MOST_UNEXPLAINED, OF_IDENTIFIED * _identified(uncertain).residual):
-        return AfterRun(
-            values,
+        return AfterRun(  # what a chain of storeys does not explain says nothing of its stiffnesses
+            values | {f"{RUN}.specimen_unexplained": found.unexplained},
             why_none=f"{100.0 * found.unexplained:.0f} % of the floors' motion in the run is not that of the specimen "
-            f"on the measured table: {_why_unexplained(run.series)}",
+            f"on the measured table: {_why_unexplained(uncertain, run.series, measured, found.unexplained)}",
         )
+    values |= _as_figures(uncertain, found)
     building = reference_building(uncertain, found)
     try:
         sim = reference_of(building).sim(building, uncertain.setup.rig.dt_s, uncertain.setup.motion.accel_m_s2)
@@ -134,11 +135,21 @@ def error_after_run(uncertain: Uncertain | None, run: Run) -> AfterRun:
     return AfterRun(values, truth)
 
 
-def _why_unexplained(series: Series) -> str:
+def _why_unexplained(uncertain: Uncertain, series: Series, measured: Array, unexplained: float) -> str:
+    """Return what explains it: steps without samples, noise and rounding (the table's count for every floor), or else a
+    sensor or the specimen."""
     lost = series.live.get("lost")
     steps = 0 if lost is None else int(np.count_nonzero(without_samples(lost)))
     if steps:
         return f"what moved in the {steps} steps without samples is not known"
+    noise = np.hypot(white_noise_m_s2(uncertain.known), uncertain.known.bits_m_s2 / np.sqrt(12.0))
+    of_table, of_floors = noise[0] ** 2, noise[1 : len(measured)] ** 2
+    share = float(np.sqrt(np.sum(of_floors + of_table) / np.sum(np.mean(measured[1:] ** 2, axis=1))))
+    if share >= OF_SAMPLES * unexplained:
+        return (
+            f"noise and rounding of the samples alone are {100.0 * share:.0f} %; a larger motion, or finer converters, "
+            "would tell"
+        )
     return "a sensor, or the specimen, is not what it was at the identification"
 
 

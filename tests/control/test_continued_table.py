@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -126,3 +127,12 @@ def test_feedback_is_quiet_where_the_table_is_not_known() -> None:
     assert (gains[0] * true).max() > 0.6
     assert np.all(gains[1] * true * (1.0 + found.unknown(BEYOND)) <= 1.0)
     assert (gains[1] * true).max() < 0.7 * (gains[0] * true).max()
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_the_scatter_of_the_lines_is_no_sign_of_another_drive(stated: bool) -> None:
+    """8 % of scatter explain a difference of 8 % from the drive, if the lines state it."""
+    there, physics = specimen(STIFF), VirtualPhysics()
+    frf = measured(there, physics, 0.08)
+    frf = frf if stated else replace(frf, relative_error=np.full(len(frf.frequency_hz), 1e-3))
+    assert continued_table(fitted(0), frf, there, 1.03 * physics.moving_mass_kg, END_HZ).shown == stated

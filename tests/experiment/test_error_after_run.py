@@ -91,3 +91,17 @@ def test_another_specimen_than_declared_is_named_with_storey_and_sign(memory: Me
         if one.what.startswith("stiffness")
     )
     assert found.place == 3 and -7.0 < found.percent < -3.0 and found.error < 2.5
+
+
+def test_a_motion_that_its_samples_hardly_show_is_no_changed_specimen(tmp_path: Path, memory: Memory) -> None:
+    """A floor of 20 Hz on six soft storeys moves with the table; 12 bits round what is left."""
+    numerical = "{masses_kg: [30, 25, 25, 20, 20, 15], stiffness_n_per_m: [3000, 3000, 2600, 2400, 2200, 2000]}"
+    floor = "{masses_kg: [3.5], natural_frequencies_hz: [20.0], damping_ratios: [0.02]}"
+    converters = "{bits: 12, latency_samples: 2}"
+    result = played(
+        tmp_path, memory, "hachinohe", f"structure={{numerical: {numerical}, experimental: {floor}}}", "scaling=0.2",
+        "damping={first_mode_ratio: 0.02}", f"table={{extends: aps400_virtual, converters: {converters}}}",
+    )  # fmt: skip
+    assert of(result, "specimen_unexplained") > 0.1 and grade(result) is None
+    assert changes_of(result.metrics) == ()
+    assert "noise and rounding of the samples alone are" in verdict(result) and "CHANGED" not in verdict(result)

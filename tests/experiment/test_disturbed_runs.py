@@ -27,8 +27,8 @@ def test_the_median_after_a_calm_run_is_the_true_error(laboratory: Disturbed) ->
 
 
 def test_held_commands_are_in_the_bound(laboratory: Disturbed) -> None:
-    """A target that holds for 10 ms: by the samples that the step took instead, the bound would be a third of the error;
-    without what the target held, none could be stated."""
+    """A target that holds for 10 ms: by the samples that the step took instead, the bound would be a third of the
+    error; without what the target held, none could be stated."""
     calm = laboratory.told(np.zeros(0, dtype=int), 1, HOLDS)
     at = np.sort(np.random.default_rng(5).uniform(2.0, 11.0, (2, 3))[1])
     held = laboratory.told(np.round(at * RATE_HZ).astype(int), 5, HOLDS)

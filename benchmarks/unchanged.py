@@ -4,10 +4,11 @@
     python benchmarks/unchanged.py record AFTER
     python benchmarks/unchanged.py compare BEFORE AFTER
 
-A recording holds the eight cases of the paper by both methods, the bare specimen, random cases, and a sweep: result
-files, and what the commands print. The comparison is byte by byte: datasets (not those of `timing`), printed text and
-JSON. Attributes are compared too, but a text that differs is only counted: `--texts` shows them. Exit code 1 when
-something else than an attribute's text differs.
+A recording holds the eight cases of the paper by both methods, the bare specimen, random cases, laboratories, storeys
+with laws, shake-table tests, identifications from files and sweeps: result files, and what the commands print. The
+comparison is byte by byte: datasets (not those of `timing`), printed text and JSON. Attributes are compared too, but
+a text that differs is only counted: `--texts` shows them. Exit code 1 when something else than an attribute's text
+differs.
 """
 
 from __future__ import annotations
@@ -25,8 +26,18 @@ import h5py
 import numpy as np
 
 PAPER = [f"{r}_{d}_{c}" for r in ("el_centro", "hachinohe") for d in ("low", "high") for c in ("ff", "ff_fb")]
+BASE = "el_centro_low_ff_fb"
 BARE = "el_centro_bare_ff_fb"
-SWEEP = ["sweep", "el_centro_low_ff_fb", "--seeds", "10", "--vary", "scaling=0.05:0.3:5", "--output", "sweep.h5"]
+SWEEP = ["sweep", BASE, "--seeds", "10", "--vary", "scaling=0.05:0.3:5", "--output", "sweep.h5"]
+LAWS = [
+    "{kind: bilinear, yield_displacement_m: 0.002, hardening: 0.05}",
+    "{kind: bouc_wen, yield_displacement_m: 0.002, hardening: 0.05}",
+    "{kind: clough, yield_displacement_m: 0.002, hardening: 0.05, unloading_exponent: 0.4}",
+    "{kind: viscous_power, coefficient: 5.0, exponent: 0.4}",
+    "{kind: maxwell, spring_n_per_m: 2200.0, dashpot_n_s_per_m: 100.0}",
+    "{kind: friction, force_n: 4.0}",
+]
+IDENTIFY_FILE = ["identify", "--no-figure", "--corrected", "--data"]
 OF_THE_MOMENT = re.compile(r"(\d+(\.\d+)?) (s|ms|min|minutes?|hours?)\b|\d{4}-\d\d-\d\d[T ]?[\d:.]*Z?|[0-9a-f]{12,}")
 CHANGING = ("created_utc", "git_commit", "command_line", "platform", "package_versions", "rths_version")
 
@@ -65,7 +76,44 @@ def record(folder: Path, random_cases: int) -> None:
         "report_csv": ["report", "results", "--format", "csv"],
         "report_markdown": ["report", "results", "--format", "markdown"],
         "sweep": SWEEP,
+        "sweep_laboratory": [
+            "sweep",
+            BASE,
+            "--seeds",
+            "4",
+            "--set",
+            "table=aps400_laboratory",
+            "--override",
+            "check",
+            "--vary",
+            "controller=FF,FF+FB",
+            "--output",
+            "sweep_laboratory.h5",
+        ],
+        "sweep_law": [
+            "sweep",
+            BASE,
+            "--seeds",
+            "2",
+            "--set",
+            f"structure.numerical.law=[{LAWS[0]}]",
+            "--vary",
+            "damping=low,high",
+            "--output",
+            "sweep_law.h5",
+        ],
+        "shake_table": ["run", BASE, "hachinohe_high_ff", "--set", "runs=[shake_table]", "--output", "shake_table"],
+        "identify_data": ["identify", "--no-figure", "--save-data", "data.h5", "--output", "models/saved.h5"],
+        "identify_csv": ["identify", "--no-figure", "--save-data", "data.csv", "--output", "models/saved_csv.h5"],
+        "identify_from_data": [*IDENTIFY_FILE, "data.h5", "--output", "models/from_data.h5"],
+        "identify_from_csv": [*IDENTIFY_FILE, "data.csv", "--output", "models/from_csv.h5"],
     }
+    for number in range(8):
+        table = ["--set", "table=aps400_laboratory", "--set", f"seed={number}", "--override", "check"]
+        jobs[f"laboratory_{number}"] = ["run", PAPER[number], *table, "--output", f"laboratory_{number}"]
+    for number, law in enumerate(LAWS):
+        laws = ["--set", f"structure.numerical.law=[{law}]"]
+        jobs[f"law_{number}"] = ["run", PAPER[4 * (number % 2)], *laws, "--output", f"law_{number}"]
     for name, words in jobs.items():
         print(name, flush=True)
         ended = rths(folder, words)

@@ -33,7 +33,7 @@ from rths_cli.numerics.shared_values import SharedValues
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from rths_cli.analysis.predicted_error import Known as LoopKnown
+    from rths_cli.analysis.predicted_error import PredictionInputs
     from rths_cli.analysis.stability_check import Preflight
     from rths_cli.analysis.true_error import TrueError
     from rths_cli.case.case_schema import Case
@@ -59,7 +59,7 @@ class Verdict:
     reasons: tuple[str, ...]  # why it is not safe, one sentence each
     design: Design | None  # None: no blocks can be designed
     figures: dict[str, ArrayLike]  # metrics `check.*` by path
-    loop: LoopKnown | None = None  # inputs of the error budget; None: the loop is unstable or was not judged
+    loop: PredictionInputs | None = None  # inputs of the error budget; None: the loop is unstable or was not judged
     replay: Callable[[], Replayed] | None = None  # the test of storeys with laws for the budget; None: it has none
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
     said: str = ""  # a sentence on the true error; "" where nothing is uncertain

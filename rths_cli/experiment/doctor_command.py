@@ -6,16 +6,13 @@ import os
 import platform
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from rths_cli.files.machine_rates import LATE_SHARE, P99_SHARE, RateMeasured, keep_rates
-from rths_cli.loop.realtime_loop import PUNCTUAL
-from rths_cli.loop.scheduling import Granted, isolated_cpus, real_time, wait_periodically, wake_up_delays
+from rths_cli.files.machine_rates import LATE_SHARE, P99_SHARE, RateMeasured, delay_summary, keep_rates
+from rths_cli.loop.scheduling import PUNCTUAL, Granted, isolated_cpus, real_time, wait_periodically, wake_up_delays
 from rths_cli.numerics.clock import IntArray, require_real_time
-from rths_cli.rigs.description import RigInfo
 
 SYS, PROC = Path("/sys"), Path("/proc")
 UNLIMITED = -1
@@ -176,34 +173,11 @@ def of_counted_rig(rig: str) -> Examined:
     return Examined(this_machine(), Granted(False, 0, -1, False, ()), (), None, (), (), counted=rig)
 
 
-def wake_share(info: RigInfo) -> float:
-    """Return the fraction of an interval within which a step must wake up.
-
-    It is smaller if the loop's own clock sets the pace and missed steps are caught up, because a later command is then
-    not sent.
-    """
-    return PUNCTUAL if info.can.takes_trajectories and info.overrun == "skip" else P99_SHARE
-
-
 def _measured(
     hz: float, seconds: float, delays: ExchangeDelays, share: float, say: Progress, what: str
 ) -> RateMeasured:
     say(f"{what} at {hz:g} Hz, {seconds:g} s")
-    return summary(hz, delays(hz, seconds), share)
-
-
-def summary(rate_hz: float, late_ns: IntArray, share: float) -> RateMeasured:
-    """Return the statistics of a measurement of delays (n,) in ns; a lost answer counts as late.
-
-    `share`: fraction of an interval within which 99 % of the steps must be ready for the rate to be held.
-    """
-    interval_ns = round(1e9 / rate_hz)
-    p50, p99, p99_9, most = (float(q) / 1e3 for q in np.percentile(late_ns, [50, 99, 99.9, 100]))
-    whole = late_ns // interval_ns
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    return RateMeasured(
-        rate_hz, late_ns.size, p50, p99, p99_9, most, int(np.count_nonzero(whole)), int(whole.sum()), now, share
-    )
+    return delay_summary(hz, delays(hz, seconds), share)
 
 
 def advice(

@@ -29,7 +29,8 @@ from rths_cli.experiment.record_baseline import (
 )
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
 from rths_cli.numerics.lti import Array
-from rths_cli.structure.similitude import factors_text, similitude_of
+from rths_cli.structure import similitude_of
+from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
     from rths_cli.case.scale_schema import ScaleSpec

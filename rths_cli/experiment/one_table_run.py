@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from rths_cli.analysis.error_attribution import Cause
     from rths_cli.analysis.error_budget import Undisturbed
-    from rths_cli.analysis.predicted_error import Known as LoopKnown
+    from rths_cli.analysis.predicted_error import PredictionInputs
     from rths_cli.analysis.sim import Response
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.setup import Setup
@@ -205,7 +205,11 @@ def run_of(
 
 
 def evaluated(
-    run: Run, setup: Setup, sim: Response, loop: LoopKnown | None, replay: Callable[[], Undisturbed] | None = None
+    run: Run,
+    setup: Setup,
+    sim: Response,
+    loop: PredictionInputs | None,
+    replay: Callable[[], Undisturbed] | None = None,
 ) -> Run:
     """Return a run with its metrics; a run that ended early has only the counts of lost samples.
 

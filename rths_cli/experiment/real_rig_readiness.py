@@ -11,18 +11,19 @@ import numpy as np
 
 from rths_cli.case.resolve import VARIED
 from rths_cli.errors import InputError
-from rths_cli.experiment.doctor_command import summary, wake_share
 from rths_cli.experiment.rig_access import guard_limits, open_rig
-from rths_cli.files.machine_rates import LATE_SHARE, P99_SHARE, held_rate
+from rths_cli.files.machine_rates import LATE_SHARE, P99_SHARE, delay_summary, held_rate
 from rths_cli.files.rig_lock import locked_rig
 from rths_cli.loop.realtime_run import Performance, prepare, rehearse_watched
+from rths_cli.loop.scheduling import wake_share
 from rths_cli.rigs.interface import as_commands, counts_time, linked, name_session
 
 if TYPE_CHECKING:
     from rths_cli.control.designed_blocks import Blocks
     from rths_cli.experiment.setup import Setup
     from rths_cli.numerics.lti import Array
-    from rths_cli.rigs.interface import Rig, RigInfo
+    from rths_cli.rigs.description import RigInfo
+    from rths_cli.rigs.interface import Rig
 
 REHEARSAL_S = 2.0  # duration of the rehearsal
 LOOK_S = 0.2  # time between two live values
@@ -96,7 +97,7 @@ def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
     if blocks.fault():
         raise InputError(f"parts: in the rehearsal, {blocks.fault()}")
     for what, after_s, share in (("began", late_s, wake_share(info)), ("were ready", late_s + took_s, P99_SHARE)):
-        found = summary(1.0 / info.dt_s, np.round(1e9 * after_s).astype(np.int64), share)
+        found = delay_summary(1.0 / info.dt_s, np.round(1e9 * after_s).astype(np.int64), share)
         if not found.held:
             raise InputError(
                 f"sample_rate_hz: {found.rate_hz:g} Hz was not held in a silent rehearsal of {REHEARSAL_S:g} s: "

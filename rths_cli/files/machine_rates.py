@@ -8,10 +8,14 @@ import platform
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rths_cli.errors import InputError
+from rths_cli.numerics.clock import IntArray
 from rths_cli.user_cache import user_cache
 
 LATE_SHARE = 5e-3  # of the steps, that may be late by a whole interval or lost
@@ -90,3 +94,17 @@ def _read() -> dict[str, dict[str, Any]]:
         return {}
     sound = isinstance(data, dict) and all(isinstance(rates, dict) for rates in data.values())
     return data if sound else {}
+
+
+def delay_summary(rate_hz: float, late_ns: IntArray, share: float) -> RateMeasured:
+    """Return the statistics of a measurement of delays (n,) in ns; a lost answer counts as late.
+
+    `share`: fraction of an interval within which 99 % of the steps must be ready for the rate to be held.
+    """
+    interval_ns = round(1e9 / rate_hz)
+    p50, p99, p99_9, most = (float(q) / 1e3 for q in np.percentile(late_ns, [50, 99, 99.9, 100]))
+    whole = late_ns // interval_ns
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    return RateMeasured(
+        rate_hz, late_ns.size, p50, p99, p99_9, most, int(np.count_nonzero(whole)), int(whole.sum()), now, share
+    )

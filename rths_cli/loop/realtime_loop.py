@@ -38,6 +38,7 @@ from rths_cli.loop.guard import (
 )
 from rths_cli.loop.lost_samples import CAUGHT_UP, MIXED, NO_ANSWER
 from rths_cli.loop.run_log import Log
+from rths_cli.loop.scheduling import PUNCTUAL
 from rths_cli.loop.simulated_time_run import think
 from rths_cli.loop.step_arrays import Step
 from rths_cli.numerics.clock import IntArray, monotonic_ns, sleep_until, spin_of
@@ -51,7 +52,6 @@ IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of docs/decisio
 HOLD, SKIP, STOP = range(3)  # after an overrun: the record waits, steps are caught up, the test stops
 POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
 ANSWER_SHARE = 0.7  # longest time of an answer over the interval; step and guard need the rest
-PUNCTUAL = 0.125  # latest sending of a command over the interval if steps are caught up; a later one is not sent
 
 # indices in Course.marks: start of the clock, overrun intervals, consecutive lost samples, consecutive overruns,
 # intervals by which the record waited, steps at rest at the end, 1 if the rig no longer obeys after the record

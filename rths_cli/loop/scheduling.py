@@ -12,9 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from rths_cli.files.machine_rates import P99_SHARE
 from rths_cli.numerics.clock import IntArray, monotonic_ns, require_real_time, sleep_until, spin_of
 from rths_cli.numerics.compiled import borrowed, entry
+from rths_cli.rigs.description import RigInfo
 
+PUNCTUAL = 0.125  # latest sending of a command over the interval if steps are caught up; a later one is not sent
 PRIORITY = 80  # above the system's threaded interrupts (50), below its own watchdogs (99)
 CPU_LATENCY = Path("/dev/cpu_dma_latency")
 ISOLATED = Path("/sys/devices/system/cpu/isolated")
@@ -207,3 +210,12 @@ def wake_up_delays(rate_hz: float, seconds: float, spins: bool = True) -> IntArr
     for first in range(0, steps, chunk):
         wait_periodically(interval_ns, spin_ns, late_ns[first : first + chunk], scratch)
     return late_ns
+
+
+def wake_share(info: RigInfo) -> float:
+    """Return the fraction of an interval within which a step must wake up.
+
+    It is smaller if the loop's own clock sets the pace and missed steps are caught up, because a later command is then
+    not sent.
+    """
+    return PUNCTUAL if info.can.takes_trajectories and info.overrun == "skip" else P99_SHARE

@@ -191,8 +191,8 @@ def _result(result: Result) -> Iterator[Html]:
     yield case_details.by_cause(result)
     yield case_details.timing(result)
     yield frequency.identification(result)
-    latency = case_details.latency(result)
-    yield details("Latency of the loop", latency) if latency else Html("")
+    loop = case_details.latency(result)
+    yield details("Latency of the loop", loop) if loop else Html("")
     yield case_files(result)
 
 
@@ -200,11 +200,11 @@ def _data(results: Sequence[Result]) -> dict[str, object]:
     """Return the data of the plots; series and responses that several results share are stored once."""
     pool, responses, shown = Pool(), [], []
     for result in results:
-        response = frequency.response(result)
-        if response is not None and response not in responses:
-            responses.append(response)
+        measured = frequency.response(result)
+        if measured is not None and measured not in responses:
+            responses.append(measured)
         about = {"name": name_of(result), "remark": _remark(result), **histories.document(result, pool)}
-        shown.append(about | {"response": None if response is None else responses.index(response)})
+        shown.append(about | {"response": None if measured is None else responses.index(measured)})
     return {"results": shown, "responses": responses, "series": pool.packed()}
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
-from rths_cli.experiment.doctor_command import RATES_HZ, Examined, Progress, examine, of_counted_rig, wake_share
+from rths_cli.experiment.doctor_command import RATES_HZ, Examined, Progress, examine, of_counted_rig
+from rths_cli.loop.scheduling import wake_share
 from rths_cli.rigs.description import capabilities_of
 
 DEFAULT_CASE = "el_centro_low_ff_fb"  # lends its structure where only a rig was named

@@ -16,6 +16,13 @@ SLIPS = {
     1.0 / POUND_KG: "2.205 (lb for kg)",
 }
 """The factors by which a wrong unit or prefix changes a number, each with its usual reason."""
+ONLY_OF = {
+    GRAVITY: ("m/s^2", "kg", "N", "N/m", "N s/m"),
+    INCH_MM: ("m", "mm", "m/s", "mm/s", "N/m", "N s/m", "N/mm"),
+    1.0 / POUND_KG: ("kg",),
+}
+"""The units in which a factor of SLIPS can happen; the others are prefixes, of any unit. A number without a unit is
+compared with another of its own kind, whatever that is: all are possible."""
 ALIKE = 1.05  # greatest over least of numbers that are equal by design
 EXACT = 0.02  # relative difference from a factor of SLIPS that makes a number of such a list suspicious
 
@@ -57,7 +64,7 @@ class Comparison:
         plausible, with its name; None where none explains it."""
         high = self.high if isfinite(self.high) else 1e4 * self.low
         middle = 0.5 * log(max(self.low, 1e-4 * high) * high)
-        factors = [(power, name) for size, name in SLIPS.items() for power in (size, 1.0 / size)]
+        factors = [(power, SLIPS[size]) for size in slips_in(self.unit) for power in (size, 1.0 / size)]
         fitting = [one for one in factors if self.low <= self.ratio / one[0] ** self.power <= self.high]
         if not (self.ratio > 0.0 and isfinite(self.ratio)):
             return None
@@ -87,6 +94,11 @@ class Comparison:
         if not isfinite(self.high):
             return f"at least {self.low:.3g} times"
         return f"{self.low:.3g} to {self.high:.3g} times"
+
+
+def slips_in(unit: str) -> tuple[float, ...]:
+    """Return the factors of SLIPS that can happen to a number in `unit`."""
+    return tuple(size for size in SLIPS if not unit or unit in ONLY_OF.get(size, (unit,)))
 
 
 def doubts_of(comparisons: Iterable[Comparison]) -> Iterator[Comparison]:
@@ -124,7 +136,7 @@ def _off_by_a_slip(
     if not rest or min(rest) <= 0.0 or value <= 0.0 or max(rest) > ALIKE * min(rest):
         return
     mean = sum(rest) / len(rest)
-    if any(abs(value / mean / factor - 1.0) <= EXACT for size in SLIPS for factor in (size, 1.0 / size)):
+    if any(abs(value / mean / factor - 1.0) <= EXACT for size in slips_in(unit) for factor in (size, 1.0 / size)):
         yield Comparison(
             key, value, unit, "that of all others, which are equal", mean, 1.0 / ALIKE, ALIKE, names, place
         )

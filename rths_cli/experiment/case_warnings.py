@@ -11,7 +11,7 @@ from rths_cli.case.keys_without_effect import sentence
 from rths_cli.experiment.design import is_driven
 from rths_cli.experiment.setup import placed
 from rths_cli.experiment.tangent_verdicts import ASSUMPTIONS, range_assumption
-from rths_cli.experiment.unit_plausibility import doubts_building, unit_doubts
+from rths_cli.experiment.unit_plausibility import doubts_building, unit_doubts, unknown_consents
 from rths_cli.identification.results import LEAST_HELD_OUT
 from rths_cli.structure import modes
 
@@ -36,7 +36,7 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
     unread, doubts, baseline = sentence(setup.case), unit_doubts(setup), baseline_note(setup)
     if doubts_building(setup):  # what a wrong unit makes of bands and model tells nobody what to change
         return tuple(dict.fromkeys((*doubts, *baseline, *([unread] if unread else []), *setup.building.notes)))
-    found = [*doubts, *baseline]
+    found = [*doubts, *unknown_consents(setup), *baseline]
     found += [*identified.reasons, *differences(setup, identified)] if identified is not None else []
     found += [
         *([unread] if unread else []),

@@ -103,7 +103,7 @@ def of_case(case: Case) -> Iterator[Comparison]:
     """Yield the comparisons of a case's own numbers, as far as they are stated, with their defaults."""
     follows = case.test_band_hz / TEST_BAND_HZ
     for key, (low, high) in OVER_DEFAULT.items():
-        value, default = _at(case, key), _default(key, case)
+        value, default = value_at(case, key), _default(key, case)
         if value is None or default is None or not _stated(case, key) or not value > 0.0:
             continue
         figure = default * (follows if key in FOLLOWS else 1.0)
@@ -111,7 +111,7 @@ def of_case(case: Case) -> Iterator[Comparison]:
         unit = key.rpartition("_")[2] if key.endswith(("_hz", "_s")) and "rms" not in key else ""
         yield Comparison(key, value, unit.replace("hz", "Hz"), what, figure, low, high)
     for key, ranges in OF_TEST_BAND.items():
-        found = _at(case, key) if _stated(case, key) else None
+        found = value_at(case, key) if _stated(case, key) else None
         ends = found if isinstance(found, tuple) else (found,) * len(ranges)
         for value, (low, high) in zip(ends, ranges, strict=True):
             if value is not None:
@@ -131,7 +131,8 @@ def _stated(case: Case, key: str) -> bool:
     return key in case.stated or key in case.places
 
 
-def _at(data: Any, key: str) -> Any:
+def value_at(data: Any, key: str) -> Any:
+    """Return what stands at a key of a case, None where nothing does."""
     for name in key.split("."):
         data = getattr(data, name, None)
     return data

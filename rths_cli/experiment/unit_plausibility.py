@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 from rths_cli.case.unit_comparison import Comparison, doubts_of
 from rths_cli.case.unit_defaults import of_defaults
 from rths_cli.experiment.setup import placed
-from rths_cli.experiment.unit_comparisons import of_case, of_record, of_specimen_on_table
+from rths_cli.experiment.unit_comparisons import of_case, of_record, of_specimen_on_table, value_at
 from rths_cli.rigs.unit_comparisons import of_rig
 from rths_cli.structure.unit_comparisons import of_building, of_damping
 
@@ -25,6 +26,18 @@ def doubts(setup: Setup) -> tuple[Comparison, ...]:
     plausible (`plausible`)."""
     consented = setup.case.plausible or ()
     return tuple(doubts_of(one for one in _comparisons(setup) if one.key not in consented))
+
+
+def unknown_consents(setup: Setup) -> tuple[str, ...]:
+    """Return a sentence for each key of `plausible` that the case does not have: it permits nothing."""
+    case, known = setup.case, dict.fromkeys(one.key for one in _comparisons(setup))
+    told = []
+    for key in case.plausible or ():
+        if key not in known and value_at(case, key) is None:
+            near = get_close_matches(key, known, 1)
+            advice = f"did you mean {near[0]}?" if near else "name the key as the doubt names it, or leave it out"
+            told.append(placed(case, f"plausible: {key} is no key of this case and permits nothing; {advice}"))
+    return tuple(told)
 
 
 OF_RIG = ("table.",)  # beginnings of the keys of a rig

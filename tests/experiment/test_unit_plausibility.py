@@ -14,6 +14,7 @@ from campaigns.random_case_draw import draw, make_records
 from scipy.linalg import eigh
 
 from rths_cli.case.load import load_cases
+from rths_cli.case.unit_comparison import Comparison
 from rths_cli.cli.terminal import Screen
 from rths_cli.errors import InputError, RigError
 from rths_cli.experiment import identify_command
@@ -25,7 +26,7 @@ from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.run_command import Request, run_batch
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.table_runs_of_case import why_none
-from rths_cli.experiment.unit_plausibility import keys_in_doubt, unit_doubts
+from rths_cli.experiment.unit_plausibility import keys_in_doubt, unit_doubts, unknown_consents
 from rths_cli.files.result_reader import read_result
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.results import Identification
@@ -277,3 +278,19 @@ def test_consent_is_asked_for_the_keys_that_are_played_only(monkeypatch: pytest.
         ask_to_move([setup], False, lambda lines: True)
     with pytest.raises(InputError, match="nobody can be asked"):
         ask_to_move([setup], False, lambda lines: True, played=("structure.", "table."))
+
+
+@pytest.mark.parametrize(
+    ("unit", "ratio", "named"),
+    [("kg", 1.0 / 25.4, None), ("kg", 2.20462, "lb for kg"), ("mm", 25.4, "inch for mm"), ("Hz", 9.80665, None),
+     ("m/s^2", 1.0 / 9.80665, "g for m/s^2"), ("s", 1e3, "1000"), ("", 25.4, "inch for mm")],
+)  # fmt: skip
+def test_a_slip_is_named_only_in_a_unit_in_which_it_can_happen(unit: str, ratio: float, named: str | None) -> None:
+    slip = Comparison("key", ratio, unit, "its neighbour", 1.0, 0.9, 1.1).slip
+    assert slip is None if named is None else slip is not None and named in slip[1]
+
+
+def test_a_consent_to_a_key_that_the_case_does_not_have_is_told() -> None:
+    keys = "plausible=[structure.experimental.mases_kg, structure.experimental.masses_kg, scaling]"
+    (told,) = unknown_consents(make_setup(load_cases(["el_centro_low_ff_fb"], (keys,))[0]))
+    assert "structure.experimental.mases_kg" in told and "did you mean structure.experimental.masses_kg?" in told

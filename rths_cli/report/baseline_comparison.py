@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from rths_cli.files.result_reader import Result
 from rths_cli.quantities import LESS, metric
 from rths_cli.report.group_comparison import Place, complete, in_order, over_runs, place_name, value_of
+from rths_cli.report.numbers import six_wide
 from rths_cli.report.report_conflicts import differing
-from rths_cli.report.text_layout import Block, Cell, Paragraphs, Row, Table, number
+from rths_cli.report.text_layout import Block, Cell, Paragraphs, Row, Table
 from rths_cli.rigs.description import adjective
 
 KEYS = ("case", "method", "rig", "rig_kind")
@@ -143,7 +144,7 @@ def _rows(one: CaseChanges) -> Iterator[Row]:
     found = {change.place: change for change in one.changes}
     for place in in_order(found):
         change = found[place]
-        difference = f"{'-' if change.difference < 0 else '+'}{number(abs(change.difference))}"
-        ratio = "-" if change.ratio is None else number(abs(change.ratio))
-        texts = (number(change.before), number(change.now), difference, ratio, change.verdict)
+        difference = f"{'-' if change.difference < 0 else '+'}{six_wide(abs(change.difference))}"
+        ratio = "-" if change.ratio is None else six_wide(abs(change.ratio))
+        texts = (six_wide(change.before), six_wide(change.now), difference, ratio, change.verdict)
         yield Row(place_name(place), tuple(map(Cell, texts)))

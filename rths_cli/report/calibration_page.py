@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rths_cli.report.identification_page import aligned, labelled, wrapped
+from rths_cli.report.text_layout import aligned, labelled, wrapped_below_labels
 
 if TYPE_CHECKING:
     from rths_cli.experiment.calibrate_command import CalibrationMade, Row
@@ -24,7 +24,7 @@ def page(made: CalibrationMade) -> str:
     head = f"Calibration of {about.told}, rig {about.rig}{f', ratios of {about.model}' if about.model else ''}"
     notes = [labelled("wrote", str(made.file)), labelled("uncertainties", ABOUT)]
     notes += [labelled("next" if i == 0 else "", note) for i, note in enumerate(made.notes)]
-    return "\n\n".join(["\n".join([head, *aligned([HEADINGS, *rows])]), wrapped(notes)]) + "\n"
+    return "\n\n".join(["\n".join([head, *aligned([HEADINGS, *rows])]), wrapped_below_labels(notes)]) + "\n"
 
 
 def _cells(row: Row) -> tuple[str, ...]:

@@ -8,8 +8,8 @@ import numpy as np
 
 from rths_cli.files.result_reader import Result
 from rths_cli.report.error_budget_table import budget_text, named_causes
-from rths_cli.report.figure_values import listed
 from rths_cli.report.latency_table import latency_text
+from rths_cli.report.numbers import listed
 from rths_cli.report.results_by_case import Entry
 from rths_cli.report.text_layout import width, wrapped
 

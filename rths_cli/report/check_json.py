@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rths_cli.quantities import METRICS, intervals_of
-from rths_cli.report.figure_values import intervals_json, json_value
+from rths_cli.report.numbers import intervals_json, json_value
 
 if TYPE_CHECKING:
     from rths_cli.experiment.check_command import Checked

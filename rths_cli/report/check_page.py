@@ -10,9 +10,9 @@ import numpy as np
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import Interval, intervals_of
 from rths_cli.report.error_budget_table import budget_text
-from rths_cli.report.figure_values import percent
-from rths_cli.report.identification_page import DASH, aligned, labelled, number, short, wrapped
 from rths_cli.report.latency_table import latency_text
+from rths_cli.report.numbers import DASH, rounded, significant, whole_percent
+from rths_cli.report.text_layout import aligned, labelled, wrapped_below_labels
 from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
@@ -82,26 +82,26 @@ def pages(checked: Sequence[Checked]) -> str:
     rows = [[_name(one.about), one.verdict, _why(one)] for one in checked]
     widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
     lines = [f"{name:<{widths[0]}}  {verdict:<{widths[1]}}  {why}".rstrip() for name, verdict, why in rows]
-    return text + "\n\n" + wrapped(lines) + "\n"
+    return text + "\n\n" + wrapped_below_labels(lines) + "\n"
 
 
 def page(checked: Checked) -> str:
     """Return the page of one case, at most 100 columns wide."""
     values = {path: np.atleast_1d(np.asarray(value, dtype=float)) for path, value in checked.metrics.items()}
-    sections = [wrapped(_about(checked.about, _counters(values)))]
+    sections = [wrapped_below_labels(_about(checked.about, _counters(values)))]
     if "check.spectral_radius" in values:
         sections += [
-            wrapped(_stability(values)),
-            wrapped(_margins(values, checked.about.compared_hz[1])),
-            wrapped(_tangents(values, checked.tangents)),
+            wrapped_below_labels(_stability(values)),
+            wrapped_below_labels(_margins(values, checked.about.compared_hz[1])),
+            wrapped_below_labels(_tangents(values, checked.tangents)),
             latency_text(values),
         ]
-        sections += [wrapped(_reach(values)), wrapped(_simulated(values))]
-        sections += [budget_text(values), wrapped(_compared(values, checked.about))]
-    sections.append(wrapped(_guard(values, checked.of_guard)))
+        sections += [wrapped_below_labels(_reach(values)), wrapped_below_labels(_simulated(values))]
+        sections += [budget_text(values), wrapped_below_labels(_compared(values, checked.about))]
+    sections.append(wrapped_below_labels(_guard(values, checked.of_guard)))
     if intervals := intervals_of(checked.metrics):
-        sections.append(wrapped(_over_samples(intervals)))
-    sections.append(wrapped(_verdict(checked)))
+        sections.append(wrapped_below_labels(_over_samples(intervals)))
+    sections.append(wrapped_below_labels(_verdict(checked)))
     return "\n\n".join(section for section in sections if section)
 
 
@@ -158,7 +158,7 @@ def _scale(factors: Mapping[str, float], record_s: float) -> str:
 def _stability(values: Values) -> list[str]:
     """Return the lines on spectral radius, modes, critical delay and gain at infinity."""
     growth = _one(values, "growth")
-    over = "die out" if growth < LEAST_GROWTH else f"change by a factor {short(growth)}"
+    over = "die out" if growth < LEAST_GROWTH else f"change by a factor {rounded(growth)}"
     rows = [["mode", "building (Hz)", "damping (%)", "in the loop (Hz)", "damping (%)"]]
     columns = [
         values[f"check.{of}_{what}"] for of in ("building", "loop") for what in ("frequency_hz", "damping_ratio")
@@ -190,7 +190,7 @@ def _critical(values: Values) -> str:
             "0 ms: on an ideal table of unlimited bandwidth any pure delay makes this building unstable; the verdict "
             "rests on the table as identified"
         )
-    return f"{short(1e3 * delay)} ms on an ideal table; the {short(hz)} Hz mode becomes unstable first"
+    return f"{rounded(1e3 * delay)} ms on an ideal table; the {rounded(hz)} Hz mode becomes unstable first"
 
 
 def _margins(values: Values, compared_to_hz: float) -> list[str]:
@@ -199,9 +199,9 @@ def _margins(values: Values, compared_to_hz: float) -> list[str]:
         return [labelled("margins", "none: the loop is unstable")]
     rows = [["", "measured", "model"]]
     for label, leaf, scale in MARGINS:
-        rows.append([label, *(_plain(scale * _one(values, f"{leaf}{kind}")) for kind in ("", "_model"))])
+        rows.append([label, *(significant(scale * _one(values, f"{leaf}{kind}")) for kind in ("", "_model"))])
     stands, must = (100.0 * _one(values, f"{name}_table_error") for name in ("tolerated", "required"))
-    where = short(_one(values, "table_error_hz"))
+    where = rounded(_one(values, "table_error_hz"))
     least, there = (_one(values, name) for name in ("tolerated_table_error_in_band", "table_error_in_band_hz"))
     known = "check.table_gain_change" in values  # not in files of earlier versions
     gain = f", gain up to {100.0 * _one(values, 'table_gain_change'):.3g} % off" if known else ""
@@ -215,8 +215,8 @@ def _margins(values: Values, compared_to_hz: float) -> list[str]:
             f"tolerated {stands:.3g} %, required {must:.3g} %: tightest at {where} Hz{gain}",
         ),
         labelled(
-            f"    up to {short(compared_to_hz)} Hz",
-            f"tolerated {100.0 * least:.3g} % or more, the least at {short(there)} Hz",
+            f"    up to {rounded(compared_to_hz)} Hz",
+            f"tolerated {100.0 * least:.3g} % or more, the least at {rounded(there)} Hz",
         ),
         *_beyond_the_band(values),
     ]
@@ -227,7 +227,7 @@ def _beyond_the_band(values: Values) -> list[str]:
     if "check.feedback_error_hz" not in values:  # nor in files of earlier versions
         return []
     stands, must = (100.0 * _one(values, f"feedback_{name}_error") for name in ("tolerated", "required"))
-    at = short(_one(values, "feedback_error_hz"))
+    at = rounded(_one(values, "feedback_error_hz"))
     said = f"tolerated {stands:.3g} %, required {must:.3g} %: tightest at {at} Hz, above the band"
     return [labelled("    feedback alone", said)]
 
@@ -239,10 +239,10 @@ def _tangents(values: Values, names: Sequence[str]) -> list[str]:
     rows = [["", "spectral radius", "tolerated %", "required %", "delay, ms", "critical, ms", "verdict"]]
     for i, name in enumerate(names):
         of = {key: float(values[f"check.tangent_{key}"][i]) for key in TANGENT_COLUMNS}
-        numbers = [number(of[key] * scale) if np.isfinite(of[key]) else DASH for key, scale in TANGENT_SCALES]
+        numbers = [significant(of[key] * scale) if np.isfinite(of[key]) else DASH for key, scale in TANGENT_SCALES]
         rows.append([name, f"{of['spectral_radius']:.6f}", *numbers, "not safe" if of["faults"] else "safe"])
     ends = [1e3 * _one(values, f"critical_delay_{end}_s") for end in ("least", "most")]
-    told = [short(end) if np.isfinite(end) else "any" for end in ends]
+    told = [rounded(end) if np.isfinite(end) else "any" for end in ends]
     return [
         labelled("tangents", "the linear loop frozen at each; indications, the evidence is the simulated test"),
         *aligned(rows),
@@ -257,7 +257,7 @@ def _simulated(values: Values) -> list[str]:
     rows = [["", *(f"storey {i}" for i in range(1, len(values["check.ductility"]) + 1))]]
     for label, leaf, scale in SIMULATED:
         row = scale * values[f"check.{leaf}"]
-        rows.append([label, *(number(one) if np.isfinite(one) else DASH for one in row)])
+        rows.append([label, *(significant(one) if np.isfinite(one) else DASH for one in row)])
     return [
         labelled(
             "simulated test", "with the laws, on the identified rig; the peaks above and the errors below are its"
@@ -270,7 +270,9 @@ def _feedback(values: Values) -> str:
     peak, hz, wide = (
         float(values[f"feedback.{name}"][0]) for name in ("sensitivity_peak", "sensitivity_peak_hz", "bandwidth_hz")
     )
-    return f"peak of |S| {number(peak)} at {short(hz)} Hz, bandwidth {short(wide)} Hz, with the measured response"
+    return (
+        f"peak of |S| {significant(peak)} at {rounded(hz)} Hz, bandwidth {rounded(wide)} Hz, with the measured response"
+    )
 
 
 def _reach(values: Values) -> list[str]:
@@ -280,7 +282,7 @@ def _reach(values: Values) -> list[str]:
     rows = [["", "peak", "limit", "share (%)"]]
     for label, leaf, scale in REACH:
         peak, limit = _one(values, f"peak_{leaf}"), _one(values, f"limit_{leaf}")
-        rows.append([label, number(scale * peak), number(scale * limit), f"{100 * peak / limit:.1f}"])
+        rows.append([label, significant(scale * peak), significant(scale * limit), f"{100 * peak / limit:.1f}"])
     largest = _one(values, "largest_scaling")
     scaling = f"{largest:g}" if largest > 0.0 else "none, the test is not safe with any"
     return [
@@ -297,7 +299,7 @@ def _guard(values: Values, said: Sequence[str]) -> list[str]:
         for words, leaf, scale in GUARDED:
             if f"check.{run}_guard_{leaf}" in values:
                 needs, limit = (scale * _one(values, f"{run}_{what}_{leaf}") for what in ("planned", "guard"))
-                rows.append([f"{label}, {words}", number(needs), number(limit)])
+                rows.append([f"{label}, {words}", significant(needs), significant(limit)])
     if len(rows) == 1:
         return [labelled("guard", one) for one in said]
     first = "stops a run at these limits, set to the motion that the run needs and never above the rig file's"
@@ -318,12 +320,12 @@ def _compared(values: Values, about: Tested) -> list[str]:
     delayed, error = values["check.sim_delay_rms_error_m_s2"], values["check.rms_error_m_s2"]
     storeys = range(1, len(error) + 1)
     rows = [["", *(f"storey {storey}" for storey in storeys)]]
-    rows.append([f"{late}, mm/s^2", *(number(1e3 * value) for value in delayed)])
-    shares = [number(one / late) if late > 0.0 else DASH for one, late in zip(error, delayed, strict=True)]
+    rows.append([f"{late}, mm/s^2", *(significant(1e3 * value) for value in delayed)])
+    shares = [significant(one / late) if late > 0.0 else DASH for one, late in zip(error, delayed, strict=True)]
     rows.append(["predicted over SIM-DELAY", *shares])
     for label, path in TRUE_ERRORS:
         if path in values:
-            rows.append([label, *(number(one / late) for one, late in zip(values[path], delayed, strict=True))])
+            rows.append([label, *(significant(one / late) for one, late in zip(values[path], delayed, strict=True))])
     return [*lines, *aligned(rows)]
 
 
@@ -336,8 +338,10 @@ def _over_samples(intervals: Mapping[str, Interval]) -> list[str]:
         one = intervals[path]
         numbers = [scale * np.atleast_1d(np.asarray(each, dtype=float)) for each in (one.value, one.low, one.high)]
         for storey, cells in enumerate(zip(*numbers, strict=True), 1):
-            rows.append([label.format(storey), *(number(cell) if np.isfinite(cell) else f"{cell:g}" for cell in cells)])
-    held = percent(min(one.probability for one in intervals.values()))
+            rows.append(
+                [label.format(storey), *(significant(cell) if np.isfinite(cell) else f"{cell:g}" for cell in cells)]
+            )
+    held = whole_percent(min(one.probability for one in intervals.values()))
     about = f"a further sample of the identified model lies in each range with a probability of at least {held}"
     return [labelled("range over samples", about), *aligned(rows)]
 
@@ -354,7 +358,3 @@ def _verdict(checked: Checked) -> list[str]:
 
 def _one(values: Values, name: str) -> float:
     return float(values[f"check.{name}"][0])
-
-
-def _plain(value: float) -> str:
-    return number(value) if np.isfinite(value) else DASH

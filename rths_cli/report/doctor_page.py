@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rths_cli.report.identification_page import DASH, aligned, labelled, wrapped
+from rths_cli.report.numbers import DASH
+from rths_cli.report.text_layout import aligned, labelled, wrapped_below_labels
 
 if TYPE_CHECKING:
     from rths_cli.experiment.doctor_channels import ChannelsExamined
@@ -21,16 +22,18 @@ def page(found: Examined) -> str:
     """Return the result of `rths doctor` as text."""
     if found.counted:
         told = f"{found.counted} counts its steps: it was listened to at rest, and no rate has to be held"
-        return wrapped([labelled("rig", told)]) + "\n"
-    sections = [wrapped([*_machine(found.machine, found.granted), _granted(found.granted)])]
+        return wrapped_below_labels([labelled("rig", told)]) + "\n"
+    sections = [wrapped_below_labels([*_machine(found.machine, found.granted), _granted(found.granted)])]
     sections.append("\n".join([f"Wake-up delay in us, {_duration(found.rates)}", *table(found.rates)]))
     if found.rig:
         title = f"Until samples of {found.rig.rig} are there, in us after the deadline, {_duration(found.rig.rates)}"
         sections.append("\n".join([title, *table(found.rig.rates)]))
-    sections.append(wrapped(_verdict(found)))
+    sections.append(wrapped_below_labels(_verdict(found)))
     if found.advice:
         sections.append(
-            wrapped([labelled("to do better", found.advice[0]), *(labelled("", a) for a in found.advice[1:])])
+            wrapped_below_labels(
+                [labelled("to do better", found.advice[0]), *(labelled("", a) for a in found.advice[1:])]
+            )
         )
     return "\n\n".join(sections) + "\n"
 
@@ -78,13 +81,13 @@ def channels_page(found: ChannelsExamined) -> str:
         sections.append("\n".join([title, *aligned([COMPARED, *lines])]))
     if pushed:
         told = "after a push in the positive direction: + of accelerations, displacements and strains, - of a load cell"
-        sections.append(wrapped([labelled("push", told)]))
+        sections.append(wrapped_below_labels([labelled("push", told)]))
     wrong = [
         *found.faults,
         *(f"{one.channel}: {one.told} ({one.against})" for one in found.comparisons if not one.agrees),
     ]
     if wrong:
-        sections.append(wrapped([labelled("faults", wrong[0]), *(labelled("", one) for one in wrong[1:])]))
+        sections.append(wrapped_below_labels([labelled("faults", wrong[0]), *(labelled("", one) for one in wrong[1:])]))
     return "\n\n".join(sections) + "\n"
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from rths_cli.files.result_reader import Result
 from rths_cli.quantities import metric
-from rths_cli.report.figure_values import listed
+from rths_cli.report.numbers import listed, rounded_to_four
 from rths_cli.report.results_by_case import Entry, state, storeys
 from rths_cli.report.table_cells import mark, ratio
 from rths_cli.report.text_layout import Cell, Row, Table
@@ -86,7 +86,7 @@ def _cell(value: float | str, mark: str) -> Cell:
 def _cells(result: Result) -> Iterator[Cell]:
     for path, factor in COLUMNS.values():
         value = state(result, path)
-        yield Cell(value) if isinstance(value, str) else Cell(short(factor * value), mark=mark(result, path))
+        yield Cell(value) if isinstance(value, str) else Cell(rounded_to_four(factor * value), mark=mark(result, path))
 
 
 def _notes() -> Iterator[str]:
@@ -112,9 +112,4 @@ def every_figure(entry: Entry) -> Iterator[Table]:
 
 
 def _listed(result: Result, path: str) -> str:
-    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), short)
-
-
-def short(value: float) -> str:
-    """Return a number with four significant digits, "-" if it is not finite."""
-    return f"{float(value):.4g}" if np.isfinite(value) else "-"
+    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), rounded_to_four)

@@ -11,7 +11,8 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
-from rths_cli.report.text_layout import Cell, Row, Table, number
+from rths_cli.report.numbers import six_wide
+from rths_cli.report.text_layout import Cell, Row, Table
 from rths_cli.rigs.description import adjective
 
 COVERED = 0.95  # probability of the confidence interval
@@ -248,10 +249,10 @@ def _cell(members: Sequence[Result], found: Statistics | None) -> Cell:
     other = [status for status in ended if status != "complete"]
     if found is None:
         return Cell(other[0] if other else "-")
-    return Cell(number(found.mean), mark="*" if other else " ")
+    return Cell(six_wide(found.mean), mark="*" if other else " ")
 
 
 def _ratio(above: Statistics | None, below: Statistics | None) -> str:
     if above is None or below is None or below.mean == 0:
         return "-"
-    return number(above.mean / below.mean)
+    return six_wide(above.mean / below.mean)

@@ -14,7 +14,8 @@ from rths_cli.identification.results import Identification
 from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.lti import Array, ComplexArray
 from rths_cli.report.figure_file import write_figure_file
-from rths_cli.report.identification_page import short, verdict_sentence
+from rths_cli.report.identification_page import verdict_sentence
+from rths_cli.report.numbers import rounded
 from rths_cli.structure import Specimen
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def _residual(ax: Axes, found: Identification) -> None:
     low, high = found.verdict.feedforward_hz
     if high > low:
         what = "fit for feedforward" if found.accepted else "keeps its limits"
-        ax.axvspan(low, high, color=LIGHT, lw=0.0, label=f"{what}, {short(low)} to {short(high)} Hz")
+        ax.axvspan(low, high, color=LIGHT, lw=0.0, label=f"{what}, {rounded(low)} to {rounded(high)} Hz")
     least = max(0.5 * min((100.0 * band.rms for band in found.residuals), default=0.1), LEAST_PERCENT)
     ax.fill_between(f, least, scatter.clip(min=least), color="#BBBBBB", lw=0.0, label="data's own scatter")
     ax.plot(f, error.clip(min=least), color=BLUE, lw=0.7, label="each line")

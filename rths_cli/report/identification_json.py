@@ -12,6 +12,7 @@ import numpy as np
 from rths_cli.identification.results import ChannelReport, FitError, Identification, LevelBand, SpecimenFit
 from rths_cli.identification.verdict import agree
 from rths_cli.numerics.lti import Array, ComplexArray, Model
+from rths_cli.report.numbers import json_data
 
 if TYPE_CHECKING:
     from rths_cli.experiment.identify_command import About
@@ -39,7 +40,7 @@ def as_document(found: Identification, about: About) -> dict[str, Any]:
         "latency": asdict(found.latency) if found.latency else None,
         "pitch": asdict(found.pitch) | {"seen": found.pitch.seen} if found.pitch else None,
     }
-    return {key: _plain(value) for key, value in document.items()}
+    return {key: json_data(value) for key, value in document.items()}
 
 
 def rejected_document(channels: Sequence[ChannelReport], faults: Sequence[str], about: About) -> dict[str, Any]:
@@ -51,7 +52,7 @@ def rejected_document(channels: Sequence[ChannelReport], faults: Sequence[str], 
         "warnings": [],
         "channels": [asdict(channel) for channel in channels],
     }
-    return {key: _plain(value) for key, value in document.items()}
+    return {key: json_data(value) for key, value in document.items()}
 
 
 def agreements(found: Identification) -> list[bool] | None:
@@ -133,16 +134,3 @@ def _friction(found: Identification) -> dict[str, float] | None:
         return None
     moved = found.friction.command_v * found.best.low_frequency_gain_m_per_v
     return {**asdict(found.friction), "displacement_m": moved}
-
-
-def _plain(value: Any) -> Any:
-    """Return a value for JSON: arrays and tuples as lists, numbers as Python numbers, None if not finite."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value

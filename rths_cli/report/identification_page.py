@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -27,93 +26,16 @@ from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Model
 from rths_cli.report.identification_json import agreements, as_document, centre_rad_s, rejected_document
-from rths_cli.report.text_layout import width
+from rths_cli.report.numbers import DASH, percent, rounded, significant, with_uncertainty
+from rths_cli.report.text_layout import aligned, labelled, width, wrapped_below_labels
 
 if TYPE_CHECKING:
     from rths_cli.experiment.identify_command import About
 
-LABEL = 24
-DASH = "-"
-MOST_DECIMALS = 6
-LARGEST_WRITTEN_OUT = 1e9
-
-
-def number(value: float, digits: int = 3) -> str:
-    """Return a number with `digits` significant digits, a dash if it is not known (not finite)."""
-    if not math.isfinite(value):
-        return DASH
-    if value != 0.0 and not 10.0**-MOST_DECIMALS <= abs(value) < LARGEST_WRITTEN_OUT:
-        return f"{value:.{digits - 1}e}"
-    exponent = math.floor(math.log10(float(f"{abs(value):.{digits - 1}e}"))) if value else 0
-    return f"{value:.{max(digits - 1 - exponent, 0)}f}"
-
-
-def short(value: float) -> str:
-    """Return a number with at most three significant digits, a dash if it is not known (not finite)."""
-    return f"{value:.3g}" if math.isfinite(value) else DASH
-
-
-def with_uncertainty(value: float, standard: float, scale: float = 1.0) -> str:
-    """Return value +- two standard uncertainties, with two digits of the uncertainty and as many decimals of the value.
-
-    Both are multiplied by `scale`; an unknown number is a dash.
-    """
-    value, spread = scale * value, 2.0 * abs(scale * standard)
-    if not math.isfinite(value):
-        return DASH
-    if not math.isfinite(spread):
-        return f"{number(value, 5)} +- {DASH}"
-    if abs(value) >= LARGEST_WRITTEN_OUT or spread >= LARGEST_WRITTEN_OUT:
-        return f"{value:.4e} +- {spread:.1e}"
-    least = 10.0**-MOST_DECIMALS
-    if spread < least:
-        return f"{value:.{MOST_DECIMALS}f} +- <{least:.{MOST_DECIMALS}f}"
-    decimals = min(1 - math.floor(math.log10(float(f"{spread:.1e}"))), MOST_DECIMALS)
-    shown = max(decimals, 0)
-    return f"{round(value, decimals):.{shown}f} +- {round(spread, decimals):.{shown}f}"
-
-
-def percent(share: float) -> str:
-    """Return a fraction in percent, a dash if it is not known."""
-    return number(100.0 * share)
-
 
 def band(low_hz: float, high_hz: float) -> str:
     """Return a frequency band as text, without its unit."""
-    return f"{short(low_hz)}-{short(high_hz)}"
-
-
-def labelled(label: str, text: str) -> str:
-    """Return a line with a label in its column, followed by a text."""
-    return f"{label:<{LABEL - 1}} {text}".rstrip()
-
-
-def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows of cells as aligned lines, the first column left-aligned, the others right-aligned.
-
-    Columns that do not fit beside the others come below them, with the first column again.
-    """
-    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
-    widths[0] = max(widths[0], LABEL - 4)
-    fit, taken = len(widths), 2 + widths[0]
-    for column, each in enumerate(widths[1:], 1):
-        taken += 2 + each
-        if taken > width() and column > 1:
-            fit = column
-            break
-    if fit < len(widths):
-        return [*aligned([row[:fit] for row in rows]), *aligned([[row[0], *row[fit:]] for row in rows])]
-    return [
-        ("  " + row[0].ljust(widths[0]) + "".join("  " + c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)))
-        .rstrip()
-        for row in rows
-    ]  # fmt: skip
-
-
-def wrapped(lines: Sequence[str]) -> str:
-    """Return lines wrapped at the width of the page; continuation lines begin below the text of `labelled`."""
-    indent = " " * LABEL
-    return "\n".join(textwrap.fill(line, width(), subsequent_indent=indent, break_on_hyphens=False) for line in lines)
+    return f"{rounded(low_hz)}-{rounded(high_hz)}"
 
 
 UNKNOWN = (DASH, DASH)
@@ -190,11 +112,11 @@ def _column(fit: SpecimenFit) -> list[tuple[str, str]]:
     for mode in range(len(fit.damping_ratio)):
         frequency = with_uncertainty(fit.natural_frequency_hz[mode], fit.frequency_error_hz[mode])
         damping = with_uncertainty(fit.damping_ratio[mode], fit.damping_error[mode], 100.0)
-        cells.append((frequency, number(fit.frequency_scatter_hz[mode], 2)))
-        cells.append((damping, number(100.0 * fit.damping_scatter[mode], 2)))
+        cells.append((frequency, significant(fit.frequency_scatter_hz[mode], 2)))
+        cells.append((damping, significant(100.0 * fit.damping_scatter[mode], 2)))
     for stiffness, error in zip(fit.stiffness_n_per_m, fit.stiffness_error_n_per_m, strict=True):
         cells.append((with_uncertainty(stiffness, error), ""))
-    cells += [(number(dashpot, 4), "") for dashpot in fit.dashpots_n_s_per_m]
+    cells += [(significant(dashpot, 4), "") for dashpot in fit.dashpots_n_s_per_m]
     return [*cells, (percent(fit.residual), "")]
 
 
@@ -203,7 +125,7 @@ def _difference(noise: SpecimenFit | None, free: SpecimenFit | None) -> str:
     if noise is None or free is None:
         return ""
     largest = float(np.max(np.abs(noise.mode_shapes - free.mode_shapes)))
-    return f"; excitation, from which free vibration differs by {number(largest, 2)} at most"
+    return f"; excitation, from which free vibration differs by {significant(largest, 2)} at most"
 
 
 def _shapes(fit: SpecimenFit, floors: Sequence[str]) -> list[str]:
@@ -257,15 +179,15 @@ def verdict_sentence(verdict: Verdict) -> str:
         return "rejected: " + "; ".join(verdict.reasons)
     low, high = verdict.feedforward_hz
     return (
-        f"accepted: fit for feedforward from {short(low)} to {short(high)} Hz, transport delay "
-        f"{short(1e3 * verdict.delay_s)} ms, lag {short(1e3 * verdict.lag_s)} ms at low frequency"
-        + (f"; above {short(verdict.known_hz)} Hz the model says nothing" if math.isfinite(verdict.known_hz) else "")
+        f"accepted: fit for feedforward from {rounded(low)} to {rounded(high)} Hz, transport delay "
+        f"{rounded(1e3 * verdict.delay_s)} ms, lag {rounded(1e3 * verdict.lag_s)} ms at low frequency"
+        + (f"; above {rounded(verdict.known_hz)} Hz the model says nothing" if math.isfinite(verdict.known_hz) else "")
     )
 
 
 def _set(sections: Sequence[Sequence[str]]) -> str:
-    """Return sections as text with wrapped lines, separated by blank lines."""
-    return "\n\n".join(wrapped(section) for section in sections if section) + "\n"
+    """Return sections as text with wrapped_below_labels lines, separated by blank lines."""
+    return "\n\n".join(wrapped_below_labels(section) for section in sections if section) + "\n"
 
 
 def _data(about: About) -> list[str]:
@@ -279,7 +201,14 @@ def _channels(channels: Sequence[ChannelReport], compared: ComparedBand) -> list
     about = f"m/s^2: rms and largest excited, rms at rest; coherence: median in {band(*compared.hz)} Hz"
     rows = [["channel", "rms", "largest", "at rest", "coherence", "hum"]]
     rows += [
-        [c.name, number(c.rms_m_s2), number(c.largest_m_s2), _rest(c.rest_rms_m_s2), _coherence(c.coherence), _hum(c)]
+        [
+            c.name,
+            significant(c.rms_m_s2),
+            significant(c.largest_m_s2),
+            _rest(c.rest_rms_m_s2),
+            _coherence(c.coherence),
+            _hum(c),
+        ]
         for c in channels
     ]
     return [labelled("channels", about), *aligned(rows)]
@@ -289,11 +218,11 @@ def _rest(rms_m_s2: float | None) -> str:
     """Return the rms at rest in words; for a channel that showed a single code, it is below one bit."""
     if rms_m_s2 is None:
         return DASH
-    return "below a bit" if rms_m_s2 == 0.0 else number(rms_m_s2)
+    return "below a bit" if rms_m_s2 == 0.0 else significant(rms_m_s2)
 
 
 def _hum(channel: ChannelReport) -> str:
-    return f"{number(channel.hum_m_s2)} at {channel.hum_hz:g} Hz" if channel.hum_hz > 0.0 else "none"
+    return f"{significant(channel.hum_m_s2)} at {channel.hum_hz:g} Hz" if channel.hum_hz > 0.0 else "none"
 
 
 def _coherence(value: float) -> str:
@@ -303,9 +232,9 @@ def _coherence(value: float) -> str:
 def _table(found: Identification) -> list[str]:
     """Return the lines on structure, delay, gain and fit errors of the table's models."""
     low, high = found.verdict.feedforward_hz
-    reach = f"{short(low)} to {short(high)} Hz" if high > low else "nowhere"
-    delay, lag = short(1e3 * found.verdict.delay_s), short(1e3 * found.verdict.lag_s)
-    gain = number(1e3 * found.best.low_frequency_gain_m_per_v, 4)
+    reach = f"{rounded(low)} to {rounded(high)} Hz" if high > low else "nowhere"
+    delay, lag = rounded(1e3 * found.verdict.delay_s), rounded(1e3 * found.verdict.lag_s)
+    gain = significant(1e3 * found.best.low_frequency_gain_m_per_v, 4)
     return [
         labelled("table model", "command to acceleration, two zeros at the origin given"),
         *_structure(found),
@@ -335,7 +264,7 @@ def _identified_delay(latency: DelayEstimate | None) -> list[str]:
     if latency is None:
         return []
     seen = with_uncertainty(latency.identified_s, latency.error_s, 1e3)
-    declared = short(1e3 * latency.declared_s)
+    declared = rounded(1e3 * latency.declared_s)
     return [labelled("  delay as identified", f"{seen} ms, {declared} ms declared (latency, hold, transport)")]
 
 
@@ -345,7 +274,8 @@ def _structure(found: Identification) -> list[str]:
         return [labelled("  structure", "as given; no others were tried")]
     rows = [["structure", "poles", "zeros", "held-out error", ""]]
     rows += [
-        [c.name, str(c.poles), str(c.zeros), number(c.held_out), "chosen" if c.chosen else ""] for c in found.candidates
+        [c.name, str(c.poles), str(c.zeros), significant(c.held_out), "chosen" if c.chosen else ""]
+        for c in found.candidates
     ]
     meaning = "zeros off the origin; held-out error over the data's own scatter: 1 is all that the data can tell"
     return [*aligned(rows), labelled("", meaning)]
@@ -420,7 +350,7 @@ def _friction(found: Identification) -> list[str]:
     if friction is None:
         return []
     size = with_uncertainty(friction.command_v, friction.error_v, 1e3)
-    moved = short(1e6 * abs(friction.command_v * found.best.low_frequency_gain_m_per_v))
+    moved = rounded(1e6 * abs(friction.command_v * found.best.low_frequency_gain_m_per_v))
     if friction.command_v < SIGNIFICANT * friction.error_v:
         return [labelled("friction", f"none beyond the scatter: {size} mV of command against the velocity")]
     text = (

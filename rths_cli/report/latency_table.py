@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rths_cli.numerics.lti import Array
-from rths_cli.report.identification_page import with_uncertainty
+from rths_cli.report.numbers import with_uncertainty
 from rths_cli.report.text_layout import width, wrapped
 
 ITEMS = {

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import groupby, pairwise
 
 from rths_cli.files.result_reader import COMPLETE
+from rths_cli.report.numbers import six_wide
 from rths_cli.report.results_by_case import (
     METHODS,
     PUBLISHED,
@@ -19,7 +20,7 @@ from rths_cli.report.results_by_case import (
     storeys,
 )
 from rths_cli.report.table_cells import EXP_ERROR, SIM_DELAY_ERROR, of, sim_delay_result
-from rths_cli.report.text_layout import Cell, Row, Table, number, wrapped
+from rths_cli.report.text_layout import Cell, Row, Table, wrapped
 
 HELD, NOT_HELD, UNJUDGED = "held", "not held", "cannot be judged"
 
@@ -103,7 +104,7 @@ def _judge_one(comparison: Comparison, source: str, suffix: str) -> Verdict:
         if isinstance(low, float) and isinstance(high, float):
             held.append(low < high)
             sign = "<" if low < high else ">="
-            texts.append(f"{name} {number(low)} {sign} {number(high)}".strip())
+            texts.append(f"{name} {six_wide(low)} {sign} {six_wide(high)}".strip())
     verdict = NOT_HELD if not all(held) else UNJUDGED if missing or not held else HELD
     return Verdict(source, comparison.where, verdict, "; ".join([*texts, *dict.fromkeys(missing)]))
 

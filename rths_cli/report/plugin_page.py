@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from rths_cli.report.identification_page import labelled, wrapped
+from rths_cli.report.text_layout import labelled, wrapped_below_labels
 
 if TYPE_CHECKING:
     from rths_cli.experiment.plugin_command import Tested
@@ -20,7 +20,7 @@ def page(package: str, found: Sequence[Tested]) -> str:
         lines += [
             labelled("  broken" if kept.fault else "  kept", _clause(kept.clause, kept.fault)) for kept in one.clauses
         ]
-    return wrapped(lines) + "\n"
+    return wrapped_below_labels(lines) + "\n"
 
 
 def verdict(package: str, found: Sequence[Tested]) -> str:

@@ -19,7 +19,8 @@ from rths_cli.report.group_comparison import (
     place_name,
     value_of,
 )
-from rths_cli.report.text_layout import Cell, Row, Table, number
+from rths_cli.report.numbers import six_wide
+from rths_cli.report.text_layout import Cell, Row, Table
 from rths_cli.rigs.description import adjective, capabilities_of
 
 HEADS = ("n", "mean", "std", "min", "max", "95 % from", "95 % to")
@@ -111,4 +112,4 @@ def _values(found: Statistics) -> tuple[float, ...]:
 def _text(value: float) -> str:
     if not np.isfinite(value):
         return "-"
-    return number(value) if value >= 0 else f"-{number(-value)}"
+    return six_wide(value) if value >= 0 else f"-{six_wide(-value)}"

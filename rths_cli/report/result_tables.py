@@ -11,7 +11,7 @@ from rths_cli.files.result_reader import Result
 from rths_cli.report.answer import verdict
 from rths_cli.report.case_metric_tables import other_figures
 from rths_cli.report.fidelity_table import PERCENT_NOTES, every_figure, merit_table, percent_table
-from rths_cli.report.figure_values import intervals_json, json_value
+from rths_cli.report.numbers import intervals_json, json_value
 from rths_cli.report.paper_claims import claims_tables, claims_text
 from rths_cli.report.paper_tables import response_tables, tracking_tables
 from rths_cli.report.result_scale import scale_json, scale_lines

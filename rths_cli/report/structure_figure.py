@@ -21,7 +21,7 @@ from rths_cli.report.figures.style import (
     in_house_style,
     plain,
 )
-from rths_cli.report.identification_page import number
+from rths_cli.report.numbers import significant
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -122,5 +122,5 @@ def _shape(ax: Axes, found: Inspected, mode: int, level: Array) -> None:
     ax.plot(shape, level, color=BLUE, marker="o" if len(level) <= MARKED_FLOORS else "", markersize=2.5)
     ax.set_xlim(-1.15, 1.15)
     ax.set_xticks([-1.0, 0.0, 1.0])
-    ax.set_title(f"mode {mode + 1}, {number(hz)} Hz")
-    ax.set_xlabel(f"T = {number(1.0 / hz)} s\nmodal mass {100.0 * found.effective_mass_ratio[mode]:.1f} %")
+    ax.set_title(f"mode {mode + 1}, {significant(hz)} Hz")
+    ax.set_xlabel(f"T = {significant(1.0 / hz)} s\nmodal mass {100.0 * found.effective_mass_ratio[mode]:.1f} %")

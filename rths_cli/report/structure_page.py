@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rths_cli.report.identification_page import LABEL, labelled, number
-from rths_cli.report.text_layout import WIDTH
+from rths_cli.report.numbers import significant
+from rths_cli.report.text_layout import LABEL, WIDTH, labelled
 from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
@@ -102,16 +102,16 @@ def _about(found: Inspected) -> list[str]:
     """Return the lines on the file, the doubts, the storeys and the masses."""
     n, p, mass = len(found.floor_mass_kg), found.numerical_storeys, float(found.floor_mass_kg.sum())
     on_table = found.experimental_mass_kg
-    computed, table = (f"{number(part)} kg ({100.0 * part / mass:.1f} %)" for part in (mass - on_table, on_table))
+    computed, table = (f"{significant(part)} kg ({100.0 * part / mass:.1f} %)" for part in (mass - on_table, on_table))
     interface = found.interface_experimental_mass_kg
-    split = f"; of floor {p}, {number(interface)} kg stand on the table" if interface else ""
+    split = f"; of floor {p}, {significant(interface)} kg stand on the table" if interface else ""
     return [
         f"Structure {found.name} ({found.file or 'shipped'})",
         *(labelled("warning", doubt) for doubt in found.warnings),
         labelled(
             "storeys", f"{n}: {_range(1, p)} numerical (computed), {_range(p + 1, n)} experimental (on the table)"
         ),
-        labelled("mass", f"{number(mass)} kg: {computed} computed, {table} on the table{split}"),
+        labelled("mass", f"{significant(mass)} kg: {computed} computed, {table} on the table{split}"),
     ]
 
 
@@ -138,8 +138,8 @@ def _storeys(found: Inspected, width: int) -> list[str]:
 def _stiffness_sets(found: Inspected, width: int) -> list[str]:
     """Return a line for each set of storey stiffnesses that has the specimen's natural frequencies."""
     sets = found.stiffness_sets
-    own = ", ".join(number(hz, 4) for hz in found.specimen_frequency_hz[:MOST_MODES])
-    ratios = ", ".join(number(100.0 * ratio) for ratio in found.specimen_damping_ratio[:MOST_MODES])
+    own = ", ".join(significant(hz, 4) for hz in found.specimen_frequency_hz[:MOST_MODES])
+    ratios = ", ".join(significant(100.0 * ratio) for ratio in found.specimen_damping_ratio[:MOST_MODES])
     specimen = [labelled("specimen, fixed base", f"{own} Hz; damping {ratios} %")]
     if len(sets) < 2:
         return specimen
@@ -153,8 +153,8 @@ def _stiffness_sets(found: Inspected, width: int) -> list[str]:
     rows = []
     for i, one in enumerate(sets):
         label = f"set {i + 1}{', used' if i == 0 else ''}"
-        stiffness = (number(k, 5) for k in one.stiffness_n_per_m)
-        rows.append([label, *stiffness, *(number(hz, 4) for hz in one.natural_frequency_hz[:3])])
+        stiffness = (significant(k, 5) for k in one.stiffness_n_per_m)
+        rows.append([label, *stiffness, *(significant(hz, 4) for hz in one.natural_frequency_hz[:3])])
     return [*specimen, labelled("stiffness", several), *_in_width([heads, *rows], width)]
 
 
@@ -182,7 +182,7 @@ def _damping(found: Inspected, width: int) -> list[str]:
 def _by_mode(heads: Sequence[str], columns: Sequence[Array], width: int) -> list[str]:
     """Return a line for each mode with the values (n,) of each column."""
     rows = [
-        [str(mode), *(number(value, 4) for value in values)]
+        [str(mode), *(significant(value, 4) for value in values)]
         for mode, values in enumerate(zip(*columns, strict=True), 1)
     ]
     more = [f"  {len(rows) - MOST_MODES} more modes in --json"] if len(rows) > MOST_MODES else []
@@ -194,11 +194,11 @@ def _told(level: Level) -> str:
         return f"{level.name}: {level.fault}"
     values = level.dashpots_n_s_per_m
     same = bool(np.all(values == values[0]))
-    size = number(values[0], 4) if same else ", ".join(number(value, 4) for value in values)
+    size = significant(values[0], 4) if same else ", ".join(significant(value, 4) for value in values)
     each = " in each numerical storey" if same else " in the numerical storeys"
     if level.first_mode_ratio is None:
         return f"{level.name}: {size} N s/m{each}"
-    return f"{level.name}: first mode {number(100.0 * level.first_mode_ratio)} %, by {size} N s/m{each}"
+    return f"{level.name}: first mode {significant(100.0 * level.first_mode_ratio)} %, by {size} N s/m{each}"
 
 
 def _shapes(found: Inspected, width: int) -> list[str]:

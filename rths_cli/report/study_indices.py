@@ -8,8 +8,9 @@ from typing import Any
 
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import Sweep
+from rths_cli.report.numbers import six_wide
 from rths_cli.report.sweep_metric import Gridded, gridded, short_key
-from rths_cli.report.text_layout import Cell, Row, Table, number, render
+from rths_cli.report.text_layout import Cell, Row, Table, render
 from rths_cli.studies.sensitivity import SobolIndices, sobol_indices
 
 COLUMN = 20
@@ -88,7 +89,7 @@ def _finite(value: float) -> float | None:
 
 
 def _told(value: float, error: float) -> str:
-    return f"{number(value)} +- {number(error)}"
+    return f"{six_wide(value)} +- {six_wide(error)}"
 
 
 def _seeds(sweep: Sweep) -> str:

@@ -13,11 +13,12 @@ import numpy as np
 
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.numerics.lti import Array
+from rths_cli.report.numbers import json_value, six_wide
 from rths_cli.report.result_scale import MODEL, stored_scale
 from rths_cli.report.study_indices import indices_document, indices_text
 from rths_cli.report.sweep_metric import STOREYS, as_text, short_key
 from rths_cli.report.sweep_summary import summary, summary_text
-from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, number, render, wrapped
+from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, render, wrapped
 from rths_cli.structure.similitude import factors_text
 
 TRACKING = "exp_rths.tracking_rms_m_s2"
@@ -95,7 +96,7 @@ def document(sweep: Sweep, path: Path) -> dict[str, Any]:
     points = []
     for point in points_of(sweep) if sweep.numbers is None else ():
         found = {
-            name: {TRACKING: _plain(row[0]), STOREYS: [_plain(value) for value in row[1:]]}
+            name: {TRACKING: json_value(row[0]), STOREYS: [json_value(value) for value in row[1:]]}
             for name, row in statistics(point.errors).items()
         }
         points.append({"varied": point.varied, "runs": point.statuses, "errors": found})
@@ -125,10 +126,6 @@ def _varies(sweep: Sweep) -> bool:
 def _of_part(sweep: Sweep) -> str:
     part, case = sweep.attributes["part"], sweep.attributes["case_name"]
     return f"{case}: part {part} of a sweep, {_runs(len(sweep.seed))} of EXP-RTHS; rths merge joins all parts"
-
-
-def _plain(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _runs(count: int) -> str:
@@ -162,7 +159,7 @@ def _rows(point: Point, storeys: int) -> Iterator[Row]:
 
 
 def _cells(errors: Array) -> tuple[Cell, ...]:
-    return tuple(Cell(number(value) if np.isfinite(value) else "-") for value in errors)
+    return tuple(Cell(six_wide(value) if np.isfinite(value) else "-") for value in errors)
 
 
 def _more_points(sweep: Sweep) -> list[str]:
@@ -187,7 +184,7 @@ def _extremes(sweep: Sweep) -> list[str]:
         where = f"{label(varied)}, seed {sweep.seed[run]}" if varied else f"seed {sweep.seed[run]}"
         storey = 1 + int(np.nanargmax(errors[run]))
         lines.append(
-            f"{name} error: {number(MM_PER_M * worst[place])} mm/s^2 (storey {storey}) at {where}, run {run + 1}"
+            f"{name} error: {six_wide(MM_PER_M * worst[place])} mm/s^2 (storey {storey}) at {where}, run {run + 1}"
         )
     return lines
 

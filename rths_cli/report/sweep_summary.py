@@ -12,7 +12,8 @@ import numpy as np
 
 from rths_cli.files.sweep_file import NEEDED, Figure, Sweep
 from rths_cli.numerics.lti import Array
-from rths_cli.report.text_layout import Cell, Row, Table, number, render, three
+from rths_cli.report.numbers import json_value, six_wide, three
+from rths_cli.report.text_layout import Cell, Row, Table, render
 
 PERCENTILES = (5, 16, 50, 84, 95)
 MOST_METRICS = 10  # printed; with more, those that every sweep has
@@ -79,7 +80,7 @@ def _rows(path: str, figure: Figure) -> Iterator[Row]:
 
 def _shown(value: float) -> str:
     """Return a number with three digits at least, "-" for none."""
-    return number(value) if math.isfinite(value) and abs(value) >= SMALL else three(value)
+    return six_wide(value) if math.isfinite(value) and abs(value) >= SMALL else three(value)
 
 
 def _shares(texts: tuple[str, ...], runs: int) -> dict[str, dict[str, float]]:
@@ -95,13 +96,9 @@ def _of_metric(figure: Figure) -> dict[str, Any]:
     values = figure.values[:, np.newaxis] if one else figure.values
     found = percentiles(values)
     counts = (~np.isnan(values)).sum(axis=0).tolist()
-    rows = {str(share): [_plain(x) for x in row] for share, row in zip(PERCENTILES, found, strict=True)}
+    rows = {str(share): [json_value(x) for x in row] for share, row in zip(PERCENTILES, found, strict=True)}
     return {
         "units": figure.units,
         "runs": counts[0] if one else counts,
         "percentiles": {share: row[0] if one else row for share, row in rows.items()},
     }
-
-
-def _plain(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -8,8 +8,9 @@ import numpy as np
 
 from rths_cli.experiment.lost_sample_sentence import losses_of_runs
 from rths_cli.files.result_reader import COMPLETE, Result
+from rths_cli.report.numbers import six_wide
 from rths_cli.report.results_by_case import DIVERGED, Entry, look_up, published, run_state, state
-from rths_cli.report.text_layout import Cell, number
+from rths_cli.report.text_layout import Cell
 
 TRACKING = ("tracking_max_m_s2", "tracking_rms_m_s2")
 TESTS = {"shake_table": "shake table test", "exp_rths": "RTHS"}
@@ -23,7 +24,7 @@ def words(states: Sequence[float | str], mark: str = " ") -> tuple[Cell, ...]:
     first = states[0]
     if len(states) > 1 and isinstance(first, str) and all(item == first for item in states):
         return (Cell(first, len(states)),)
-    return tuple(Cell(s) if isinstance(s, str) else Cell(number(s), mark=mark) for s in states)
+    return tuple(Cell(s) if isinstance(s, str) else Cell(six_wide(s), mark=mark) for s in states)
 
 
 def our_cells(result: Result | None, paths: Sequence[str], index: int | None = None) -> tuple[Cell, ...]:
@@ -99,7 +100,7 @@ def _other_sim_delay(entry: Entry) -> list[str]:
         size = len(_values(result))
         pairs = [(state(result, SIM_DELAY_ERROR, i), state(shown, SIM_DELAY_ERROR, i)) for i in range(size)]
         if any(mine != theirs for mine, theirs in pairs):
-            texts = ", ".join(number(mine) if isinstance(mine, float) else mine for mine, _ in pairs)
+            texts = ", ".join(six_wide(mine) if isinstance(mine, float) else mine for mine, _ in pairs)
             lines.append(f"{entry.excitation}, {entry.damping}, {entry.controller} ({method}): SIM-DELAY is {texts}")
     return lines
 

@@ -6,7 +6,6 @@ parts, one below the other.
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -179,30 +178,6 @@ def _filled(line: str, indent: int) -> str:
     return textwrap.fill(line, width(), subsequent_indent=" " * indent, drop_whitespace=True)
 
 
-def three(value: float) -> str:
-    """Return a number with three significant digits, without an exponent where it is of ordinary size."""
-    if not math.isfinite(value):
-        return "-"
-    rounded = float(f"{value:.3g}")  # which may carry into another power of ten
-    if rounded == 0.0 or 1e-4 <= abs(rounded) < 1e5:
-        return f"{rounded:.{max(2 - math.floor(math.log10(abs(rounded))), 0) if rounded else 0}f}"
-    return f"{rounded:.2e}"
-
-
-def number(value: float) -> str:
-    """Return a number that is not negative in at most six characters, with four decimals if they fit."""
-    size = abs(value)
-    if 0 < size < 1e-9 or size >= 9.95e98:
-        return "<1e-9" if size < 1 else ">1e99"
-    if size != 0 and (size < 5e-5 or size >= 99999.5):
-        mantissa, _, exponent = f"{value:.1e}".partition("e")
-        return f"{mantissa}e{int(exponent)}"
-    for decimals, limit in ((4, 9.99995), (3, 99.9995), (2, 999.995), (1, 9999.95)):
-        if size < limit:
-            return f"{value:.{decimals}f}"
-    return f"{value:.0f}"
-
-
 def _heading_lines(label: str, total: int) -> list[str]:
     return [f"{line:<{total - 1}}|" for line in textwrap.wrap(label, total - 1) or [""]]
 
@@ -240,3 +215,39 @@ def _ends(groups: Sequence[int]) -> Iterator[int]:
     for size in groups:
         end += size
         yield end
+
+
+LABEL = 24
+
+
+def labelled(label: str, text: str) -> str:
+    """Return a line with a label in its column, followed by a text."""
+    return f"{label:<{LABEL - 1}} {text}".rstrip()
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows of cells as aligned lines, the first column left-aligned, the others right-aligned.
+
+    Columns that do not fit beside the others come below them, with the first column again.
+    """
+    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    widths[0] = max(widths[0], LABEL - 4)
+    fit, taken = len(widths), 2 + widths[0]
+    for column, each in enumerate(widths[1:], 1):
+        taken += 2 + each
+        if taken > width() and column > 1:
+            fit = column
+            break
+    if fit < len(widths):
+        return [*aligned([row[:fit] for row in rows]), *aligned([[row[0], *row[fit:]] for row in rows])]
+    return [
+        ("  " + row[0].ljust(widths[0]) + "".join("  " + c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)))
+        .rstrip()
+        for row in rows
+    ]  # fmt: skip
+
+
+def wrapped_below_labels(lines: Sequence[str]) -> str:
+    """Return lines wrapped at the width of the page; continuation lines begin below the text of `labelled`."""
+    indent = " " * LABEL
+    return "\n".join(textwrap.fill(line, width(), subsequent_indent=indent, break_on_hyphens=False) for line in lines)

@@ -21,8 +21,8 @@ from rths_cli.analysis.grade import (
 )
 from rths_cli.files.result_reader import Result, ResultWriter, read_result
 from rths_cli.report.answer import answer, answers, notes, one_line, shown_storeys, verdict
+from rths_cli.report.numbers import three
 from rths_cli.report.result_tables import of_one_case
-from rths_cli.report.text_layout import three
 
 NAMES = ("friction", "latency")
 

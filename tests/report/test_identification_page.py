@@ -15,14 +15,8 @@ from made_up_identification import ABOUT, MODEL, NAN, PAPER, identification, spe
 from rths_cli.experiment.identify_command import About
 from rths_cli.identification.results import Candidate, ChannelReport, LevelBand, LevelCauses, Verdict
 from rths_cli.identification.verdict import agree, roots_given
-from rths_cli.report.identification_page import (
-    as_document,
-    number,
-    page,
-    rejected_document,
-    rejected_page,
-    with_uncertainty,
-)
+from rths_cli.report.identification_page import as_document, page, rejected_document, rejected_page
+from rths_cli.report.numbers import significant, with_uncertainty
 
 SECTIONS = [
     "Identification", "data", "channels", "table model", "fit error", "roots, best", "residual, best",
@@ -276,7 +270,7 @@ def test_value_and_uncertainty_are_rounded_alike(value, standard):
 
 
 def test_spelling_of_numbers():
-    assert [number(v) for v in (0.0, 0.000123, 1.0, 123.456, -4.5678, NAN)] == [
+    assert [significant(v) for v in (0.0, 0.000123, 1.0, 123.456, -4.5678, NAN)] == [
         "0.00", "0.000123", "1.00", "123", "-4.57", "-",
     ]  # fmt: skip
     assert with_uncertainty(3.2, 0.000065) == "3.20000 +- 0.00013"

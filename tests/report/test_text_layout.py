@@ -3,12 +3,13 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rths_cli.report.text_layout import Cell, Row, Table, number, render, table_lines
+from rths_cli.report.numbers import six_wide
+from rths_cli.report.text_layout import Cell, Row, Table, render, table_lines
 
 
 @given(st.floats(0.0, 1e98))
 def test_a_number_takes_six_characters_and_says_what_it_is(value):
-    text = number(value)
+    text = six_wide(value)
     assert len(text) <= 6
     if 0 < value < 1e-9:
         assert text == "<1e-9"
@@ -21,7 +22,7 @@ def test_a_number_takes_six_characters_and_says_what_it_is(value):
 def test_numbers_as_the_paper_prints_them():
     values = (0.0, 0.0004, 0.1922, 9.99994, 9.99996, 123.456, 99999.4, 1234567.0, 3.14e-5, 1e-30, 1e200)
     texts = ["0.0000", "0.0004", "0.1922", "9.9999", "10.000", "123.46", "99999", "1.2e6", "3.1e-5", "<1e-9", ">1e99"]
-    assert [number(value) for value in values] == texts
+    assert [six_wide(value) for value in values] == texts
 
 
 def test_a_table_is_aligned_and_wraps_long_labels():

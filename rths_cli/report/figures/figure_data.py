@@ -12,8 +12,8 @@ from rths_cli.errors import InputError
 from rths_cli.files.result_listing import Outline, read_outlines
 from rths_cli.files.result_reader import Result, SeriesLeftOut
 from rths_cli.numerics.lti import Array, Integers
+from rths_cli.report.numbers import three
 from rths_cli.report.result_scale import series
-from rths_cli.report.text_layout import three
 from rths_cli.rigs.description import capabilities_of
 
 TABLE_RUNS = ("shake_table", "exp_rths")

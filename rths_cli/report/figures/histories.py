@@ -29,7 +29,7 @@ from rths_cli.report.figures.figure_data import (
 from rths_cli.report.figures.panels import ACCELERATION, ERROR_UNITS, MM_PER_M, Line, Panel, draw_rows, largest
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
 from rths_cli.report.figures.style import ESTIMATED, RUNS, SKY, TRUE, VERMILLION, Look
-from rths_cli.report.text_layout import three
+from rths_cli.report.numbers import three
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

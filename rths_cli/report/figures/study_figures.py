@@ -22,9 +22,9 @@ from rths_cli.report.figures.sweep_figure import (
     places_of,
     value_name,
 )
+from rths_cli.report.numbers import three
 from rths_cli.report.study_indices import indexed_keys, indices_of
 from rths_cli.report.sweep_metric import Gridded, as_text, gridded, named
-from rths_cli.report.text_layout import three
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,8 +15,8 @@ from rths_cli.quantities.units import ENDINGS, typeset, unit_of_name
 from rths_cli.report.figures.figure_data import NotDrawn
 from rths_cli.report.figures.panels import GREY_TEXT, HEADING_CHARACTERS, empty_figure
 from rths_cli.report.figures.style import BLUE, VERMILLION, plain
+from rths_cli.report.numbers import three
 from rths_cli.report.sweep_metric import Gridded, as_text, gridded, named, short_key
-from rths_cli.report.text_layout import three
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
 from typing import Any
 
@@ -10,6 +9,7 @@ from rths_cli.quantities import metric
 from rths_cli.report.baseline_comparison import got_worse
 from rths_cli.report.group_comparison import Compared, Place, Statistics, over_runs, place_name
 from rths_cli.report.judged_limits import judge
+from rths_cli.report.numbers import json_value
 from rths_cli.report.repeat_statistics import Repeats
 from rths_cli.report.report_contents import Baseline, Contents
 from rths_cli.report.result_tables import to_json
@@ -24,7 +24,7 @@ def document(found: Contents) -> dict[str, Any]:
     listed = to_json(results)["results"]
     assert isinstance(listed, list)
     for one, result in zip(listed, results, strict=True):
-        one["accept"] = [asdict(limit) | {"value": _number(limit.value)} for limit in judge(result)]
+        one["accept"] = [asdict(limit) | {"value": json_value(limit.value)} for limit in judge(result)]
     paths = sorted({path for result in results for path in result.metrics})
     defined = {path: definition for path in paths if (definition := metric(path))}
     return {
@@ -60,12 +60,12 @@ def _figures(found: dict[Place, Statistics]) -> dict[str, Any]:
 def _statistics(found: Statistics) -> dict[str, Any]:
     return {
         "n": found.n,
-        "mean": _number(found.mean),
-        "std": _number(found.std),
-        "min": _number(found.minimum),
-        "max": _number(found.maximum),
-        "mean_95_low": _number(found.low),
-        "mean_95_high": _number(found.high),
+        "mean": json_value(found.mean),
+        "std": json_value(found.std),
+        "min": json_value(found.minimum),
+        "max": json_value(found.maximum),
+        "mean_95_low": json_value(found.low),
+        "mean_95_high": json_value(found.high),
     }
 
 
@@ -87,7 +87,7 @@ def _baseline(found: Baseline | None) -> dict[str, Any] | None:
                     "before": change.before,
                     "now": change.now,
                     "difference": change.difference,
-                    "ratio": None if change.ratio is None else _number(change.ratio),
+                    "ratio": None if change.ratio is None else json_value(change.ratio),
                     "verdict": change.verdict,
                 }
                 for change in one.changes
@@ -97,7 +97,3 @@ def _baseline(found: Baseline | None) -> dict[str, Any] | None:
     ]
     about = {"source": found.source, "tolerance_percent": found.percent, "worse": got_worse(found.changes)}
     return {**about, "cases": cases}
-
-
-def _number(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None

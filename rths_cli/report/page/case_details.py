@@ -11,8 +11,8 @@ from rths_cli.loop.lost_samples import without_samples
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities.units import typeset
 from rths_cli.report.error_budget_table import CAUSES, named_causes
-from rths_cli.report.figure_values import listed
 from rths_cli.report.latency_table import latency_text
+from rths_cli.report.numbers import listed, rounded_to_four
 from rths_cli.report.page.html import Html, element, framed, join, table
 from rths_cli.report.page.paper_tables import as_html
 from rths_cli.report.page.summary import is_virtual
@@ -112,11 +112,7 @@ def _figure(path: str, methods: Mapping[str, Result]) -> list[str]:
 
 
 def _listed(result: Result, path: str) -> str:
-    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), _plain, between="  ")
-
-
-def _plain(value: float) -> str:
-    return f"{value:.4g}" if np.isfinite(value) else "-"
+    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), rounded_to_four, between="  ")
 
 
 def _causes(result: Result, kinds: list[str], cause: str, storeys: int) -> Iterator[str]:

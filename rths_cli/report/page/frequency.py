@@ -8,7 +8,7 @@ import numpy as np
 
 from rths_cli.files.result_reader import Result, read_series
 from rths_cli.numerics.lti import Array, ComplexArray, Model
-from rths_cli.report.identification_page import number, percent, short
+from rths_cli.report.numbers import percent, rounded, significant
 from rths_cli.report.page.decimated_series import pack_floats
 from rths_cli.report.page.html import Html, element, join, table
 from rths_cli.report.page.summary import facts
@@ -71,13 +71,13 @@ def _numbers(result: Result) -> Iterator[list[str]]:
     used = model(result)
     yield ["source of the model", str(result.attributes.get("model_source") or "-")]
     yield ["poles, zeros", f"{len(used.poles)}, {len(used.zeros)}"]
-    yield ["gain at low frequency", f"{number(1e3 * used.low_frequency_gain_m_per_v, 4)} mm/V"]
-    yield ["delay told to the fit", f"{short(1e3 * used.delay_s)} ms"]
+    yield ["gain at low frequency", f"{significant(1e3 * used.low_frequency_gain_m_per_v, 4)} mm/V"]
+    yield ["delay told to the fit", f"{rounded(1e3 * used.delay_s)} ms"]
     errors = [percent(_number(result, f"fit_error_{kind}")) for kind in ("rms", "max")]
     yield [f"|fit / FRF - 1|, {result.compared}", f"RMS {errors[0]} %, largest {errors[1]} %"]
     ratios = _read(result, "damping_ratio")
     for mode, (hz, ratio) in enumerate(zip(_read(result, "natural_frequency_hz"), ratios, strict=True), 1):
-        yield [f"specimen, mode {mode}", f"{number(hz, 4)} Hz, damping {percent(ratio)} %"]
+        yield [f"specimen, mode {mode}", f"{significant(hz, 4)} Hz, damping {percent(ratio)} %"]
 
 
 def _roots(result: Result) -> Iterator[list[str]]:
@@ -86,7 +86,7 @@ def _roots(result: Result) -> Iterator[list[str]]:
     for kind, roots in (("pole", used.poles), ("zero", used.zeros)):
         for root in sorted((r for r in roots if r.imag >= 0.0 and abs(r) > 1e-9), key=abs):
             real = "real" if root.imag == 0.0 else percent(-root.real / abs(root))
-            yield [f"{kind}{'' if root.imag == 0.0 else ' pair'}", number(abs(root) / (2.0 * np.pi), 4), real]
+            yield [f"{kind}{'' if root.imag == 0.0 else ' pair'}", significant(abs(root) / (2.0 * np.pi), 4), real]
 
 
 def heading(virtual: bool) -> Html:

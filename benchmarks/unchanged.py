@@ -12,7 +12,6 @@ something else than an attribute's text differs.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -23,6 +22,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from options import arguments, parsed
 
 PAPER = [f"{r}_{d}_{c}" for r in ("el_centro", "hachinohe") for d in ("low", "high") for c in ("ff", "ff_fb")]
 BARE = "el_centro_bare_ff_fb"
@@ -33,7 +33,7 @@ CHANGING = ("created_utc", "git_commit", "command_line", "platform", "package_ve
 
 def main() -> int:
     """Record or compare."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     record_parser = commands.add_parser("record")
     record_parser.add_argument("folder", type=Path)
@@ -42,7 +42,7 @@ def main() -> int:
     compare_parser.add_argument("before", type=Path)
     compare_parser.add_argument("after", type=Path)
     compare_parser.add_argument("--texts", action="store_true", help="show attributes whose text differs")
-    given = parser.parse_args()
+    given = parsed(parser)
     if given.command == "record":
         record(given.folder, given.random)
         return 0

@@ -127,6 +127,7 @@ def test_a_tangent_at_which_the_loop_diverges_says_so(default_identification: Id
     assert "spectral radius" in told.text and "storey 1 stiffest" in told.text
 
 
+@pytest.mark.campaign
 def test_the_prediction_of_a_yielding_building_is_that_of_the_virtual_rig(
     yielding: tuple[Setup, Judged], default_identification: Identification
 ) -> None:

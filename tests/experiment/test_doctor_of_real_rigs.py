@@ -73,6 +73,7 @@ def shows_what_is_there(found: ChannelsExamined, said: list[str]) -> None:
     assert [rows[name].pushed for name in ("floor_3", "storey_3_strain", "floor_3_acceleration")] == [-1, 1, -1]
 
 
+@pytest.mark.campaign
 def test_eight_channels_behind_udp(tmp_path: Path) -> None:
     Path("served.yaml").write_text(yaml.safe_dump({"extends": "aps400_virtual", "channels": NOISY}))
     key = tmp_path / "key"

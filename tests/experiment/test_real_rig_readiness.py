@@ -15,6 +15,7 @@ import h5py
 import numpy as np
 import pytest
 from declared_contents import declaration_faults
+from portfolio import keep_first
 from python_models import Inverse
 from serving_bench import Running, leave_out_punctuality
 
@@ -136,6 +137,7 @@ def status(path: Path) -> tuple[str, str]:
     return str(attributes["status"]), str(attributes["status_reason"])
 
 
+@pytest.mark.campaign
 def test_a_signal_ends_as_interrupted_with_the_samples_and_the_table_at_rest(bench: Bench, tmp_path: Path) -> None:
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -151,6 +153,7 @@ def test_a_signal_ends_as_interrupted_with_the_samples_and_the_table_at_rest(ben
     assert os.listdir(tmp_path) == ["a.h5"]
 
 
+@pytest.mark.campaign
 def test_a_result_says_what_was_behind_the_rig_that_ran(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -167,6 +170,7 @@ def test_a_result_says_what_was_behind_the_rig_that_ran(
     assert verified == {"udp": "loopback", "plugged": "fake"}
 
 
+@pytest.mark.campaign
 def test_a_raw_log_names_what_parts_of_ones_own_log(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -274,7 +278,7 @@ def resting_undisturbed() -> Callable[[View], bool]:
     return undisturbed
 
 
-@pytest.mark.parametrize("how", ["dies", "faults"])
+@pytest.mark.parametrize("how", keep_first(1, ["dies", "faults"]))
 def test_a_target_that_ends_in_the_rest_after_the_record_leaves_a_complete_run(
     bench: Bench, tmp_path: Path, how: str
 ) -> None:
@@ -308,7 +312,7 @@ def test_a_target_that_ends_in_the_rest_after_the_record_leaves_a_complete_run(
         assert len(told) > 5 and told <= set(file.attrs)
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (None, 3)])
+@pytest.mark.parametrize(("number", "code"), keep_first(1, [(signal.SIGINT, 130), (signal.SIGTERM, 143), (None, 3)]))
 def test_who_stops_the_rest_after_the_record_keeps_a_complete_run(
     bench: Bench, tmp_path: Path, number: int | None, code: int
 ) -> None:

@@ -367,6 +367,7 @@ def feedforward(designed: Block) -> PythonFeedforward:
     return PythonFeedforward("inverse", lambda: Logging(designed), designed, (Logged("gain", "m/V"),))
 
 
+@pytest.mark.campaign
 def test_what_parts_of_ones_own_log_is_recovered(tmp_path: Path, memory: Memory) -> None:
     """With names and units, each on its own clock; a log that names nothing numbers its columns."""
     (tmp_path / "whole").mkdir()

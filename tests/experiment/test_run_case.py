@@ -150,6 +150,7 @@ def test_accept_limits_judge_the_figures_by_their_path(tmp_path: Path, memory: M
     assert read_result(tmp_path / "b.h5").attributes["status"] == "complete"
 
 
+@pytest.mark.campaign
 def test_interface_mass_on_the_table_is_carried_through(tmp_path: Path, memory: Memory) -> None:
     ended = run(tmp_path / "m.h5", memory, "structure.interface_experimental_mass_kg=1.7", "runs=[sim_delay, exp_rths]")
     assert ended.exit_code == 0, ended.reason

@@ -97,6 +97,7 @@ def test_the_bound_counts_what_is_left_of_the_drift(
     assert memory.known(setup, lambda _: None).found.session is not None
 
 
+@pytest.mark.campaign
 def test_a_converter_that_acts_later_than_at_the_identification_is_found(tmp_path: Path, memory: Memory) -> None:
     """100 us between the converters, on a stiff table: the alias of the held command is another."""
     ratios, runs = {}, "runs=[sim, sim_delay, exp_rths]"
@@ -133,6 +134,7 @@ def test_what_is_no_drift_is_told_and_not_taken_up(memory: Memory) -> None:
     assert found is known and "samples are lost" in told
 
 
+@pytest.mark.campaign
 def test_a_rig_that_has_not_changed_loses_nothing_by_the_record(tmp_path: Path, memory: Memory) -> None:
     ratios = []
     for asked in ("always", "never"):
@@ -199,6 +201,7 @@ def test_a_row_of_a_sweep_has_the_metrics_of_the_run(
     assert session_of(other, (EXP_RTHS,), 5) == session_of(setup, (EXP_RTHS,), 5)
 
 
+@pytest.mark.campaign
 def test_a_row_of_a_drifting_laboratory_is_run_in_the_session_of_its_sweep(
     laboratory: tuple[Setup, Memory, Path, list[str]],
     quick: tuple[str, ...],

@@ -98,6 +98,7 @@ def test_excitations_are_judged_by_their_command(default_setup: Setup, default_i
         excite(default_setup, 0.95 * default_setup.rig.converters.range_v * command / np.abs(command).max())
 
 
+@pytest.mark.campaign
 def test_random_runs_move_as_planned(tmp_path: object) -> None:
     """The short form of benchmarks/judged_runs.py: what is not refused keeps to its plan, with the true motion."""
     trial = tried(SHORT_SEED, tmp_path)  # type: ignore[arg-type]

@@ -113,6 +113,7 @@ def with_offsets(case: dict[str, object], offsets_v: list[float], folder: Path, 
     return make_setup(load_cases([path])[0])
 
 
+@pytest.mark.campaign
 def test_a_record_in_motion_shows_what_the_zeros_at_rest_are_off_by(tmp_path: Path) -> None:
     """12 bits of 4.9 mV: the zeros at rest are 0, one and no bit, the channels' offsets 1.5, 3.2 and -0.7 mV."""
     offsets_v = [0.0015, 0.0032, -0.0007]
@@ -126,6 +127,7 @@ def test_a_record_in_motion_shows_what_the_zeros_at_rest_are_off_by(tmp_path: Pa
     assert known is not None and known.zero_m_s2 == pytest.approx(shown)
 
 
+@pytest.mark.campaign
 def test_a_test_goes_aside_as_far_as_its_zeros_were_seen_to_be_off(tmp_path: Path) -> None:
     """The mean command of a run on the virtual table, whose sensor's offset is a fifth of a bit, against the check."""
     building = {

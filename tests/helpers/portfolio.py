@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 
-def first(count: int, values: Iterable[Any]) -> list[Any]:
+def keep_first(count: int, values: Iterable[Any]) -> list[Any]:
     """Return values of `pytest.mark.parametrize`, all behind the first `count` marked `campaign`."""
     marked = list(values)
     for place, value in list(enumerate(marked))[count:]:

@@ -79,6 +79,7 @@ def test_stated_heights_count():
     assert abs(untold.flexibility_m_per_n - 2e-6) < 2.0 * untold.error_m_per_n  # widened by what is left
 
 
+@pytest.mark.campaign
 def test_uncertainties_cover_the_errors_of_many_records():
     """A systematic tenth of what is found is in them as well."""
     over = []
@@ -110,6 +111,7 @@ def test_sensors_or_masses_taken_as_exact_leave_no_statement():
     assert pitch_of(seen, gain=0.0) is None and pitch_of(seen, mass=0.0) is None
 
 
+@pytest.mark.campaign
 def test_six_floors_with_unequal_dampers_settle_at_their_masses():
     """Eigenvectors of either sign made what couples modes jump, and the fit stop with masses that were 1 % off."""
     found = chain_of(motion(6, 0.0, rising(6), noise=1e-4, dashpots=(9.0, 1.0, 4.0, 1.0, 1.0, 1.0)))
@@ -117,6 +119,7 @@ def test_six_floors_with_unequal_dampers_settle_at_their_masses():
     assert found.calibration.mass == pytest.approx(np.ones(6), abs=1e-3)
 
 
+@pytest.mark.campaign
 def test_a_storey_too_stiff_to_be_seen_settles(monkeypatch):
     """Its stiffness and the damping of its mode may be almost anything, which says nothing of sensors and masses."""
     monkeypatch.setitem(STIFFNESS, 3, [9000.0, 7376.40, 1e10])

@@ -32,6 +32,7 @@ def with_gains(measured: Measured, *gains: float) -> Measured:
     return replace(measured, records=tuple(of(record) for record in measured.records), quiet=of(measured.quiet))
 
 
+@pytest.mark.campaign
 def test_a_specimen_whose_joints_rub_is_identified_with_a_warning() -> None:
     found = evaluated(*recorded(0.5))
     assert found.accepted

@@ -120,6 +120,7 @@ def test_a_signal_that_a_watcher_raises_is_an_order() -> None:
     assert rig.commands[-1] == 0.0
 
 
+@pytest.mark.campaign
 def test_a_signal_ends_a_rehearsal_at_once() -> None:
     """Nothing moves yet: there is nothing to be led to rest."""
     info, still = bench_info(), np.zeros((20_000, 3))

@@ -1,6 +1,6 @@
 """Compare SIM of storeys with laws with OpenSeesPy, whose difference must fall with its step.
 
-    python benchmarks/opensees_laws.py [COUNT]
+    python benchmarks/opensees_laws.py [--seed N] [--count N]
 
 First each law that OpenSees has in the first of two storeys, then COUNT random buildings (20) of two to four storeys,
 of which all but the highest have such a law. Needs openseespy and openseespylinux 3.7.1.2 (research and internal use

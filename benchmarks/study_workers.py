@@ -1,6 +1,6 @@
 """Throughput of a sweep by two worker processes, against two processes that know nothing of each other.
 
-    python benchmarks/study_workers.py [RUNS] [ROUNDS]
+    python benchmarks/study_workers.py [--runs N] [--rounds N]
 
 RUNS (default 200) EXP-RTHS of `el_centro_low_ff_fb`, seeds from 0 on, alternating within each of ROUNDS (default 3)
 rounds: by `rths sweep --engine processes --jobs 2`, and half of the seeds in each of two commands `--engine inline`

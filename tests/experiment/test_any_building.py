@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from campaigns.random_case_draw import make_records
 from campaigns.random_case_runs import RAN, REFUSED, judged
-from portfolio import keep_first
 from scipy.linalg import eigh
 
 from rths_cli.case.load import load_cases
@@ -62,7 +61,8 @@ def run(folder: Path, **keys: object) -> Ended:
         return run_case(make_setup(load_cases([path])[0]), folder / "case.h5", Memory(), "test", lambda _: None)
 
 
-@pytest.mark.parametrize("rate_hz", keep_first(1, [500.0, 2000.0]))
+@pytest.mark.campaign
+@pytest.mark.parametrize("rate_hz", [500.0, 2000.0])
 def test_a_stiff_storey_whose_free_vibration_dies_at_once(rate_hz: float, tmp_path: Path) -> None:
     """20 Hz at 3 %: the second part of its free vibration is within one bit of the converter."""
     ended = run(

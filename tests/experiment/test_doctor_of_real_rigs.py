@@ -133,6 +133,7 @@ def look(monkeypatch: pytest.MonkeyPatch) -> Callable[[dict[str, Any]], tuple[Ch
     return examined
 
 
+@pytest.mark.campaign
 def test_eight_channels_on_a_card(look: Callable[[dict[str, Any]], tuple[ChannelsExamined, list[str]]]) -> None:
     further = [*FIVE_AS_KEYS[:4], {**FIVE_AS_KEYS[4], "sign": -1}]
     found, said = look(ni_rig(further, {"sign": -1}))
@@ -143,6 +144,7 @@ def test_eight_channels_on_a_card(look: Callable[[dict[str, Any]], tuple[Channel
     assert zeros["floor_2_displacement"] == pytest.approx((0.1, -1e-3), rel=5e-3)
 
 
+@pytest.mark.campaign
 def test_channels_of_a_card_that_are_reversed_are_told(
     look: Callable[[dict[str, Any]], tuple[ChannelsExamined, list[str]]],
 ) -> None:

@@ -48,17 +48,15 @@ def added(channel: int, offset_v: float, drift_v_per_s: float, *jumps: tuple[flo
     return Added(offset_v * one, drift_v_per_s * one, tuple((channel, at, by) for at, by in jumps))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("name", "given"),
-    keep_first(
-        1,
-        [
-            ("el_centro_low_ff_fb", added(2, 5e-3, 2.0 * MV_PER_MIN)),
-            ("hachinohe_low_ff", added(0, -5e-3, 0.5 * MV_PER_MIN, (9.7, -5e-3))),
-            ("hachinohe_high_ff_fb", added(1, 5e-3, -5.0 * MV_PER_MIN, (17.3, 5e-3))),
-            ("el_centro_low_ff", nothing(3)),
-        ],
-    ),
+    [
+        ("el_centro_low_ff_fb", added(2, 5e-3, 2.0 * MV_PER_MIN)),
+        ("hachinohe_low_ff", added(0, -5e-3, 0.5 * MV_PER_MIN, (9.7, -5e-3))),
+        ("hachinohe_high_ff_fb", added(1, 5e-3, -5.0 * MV_PER_MIN, (17.3, 5e-3))),
+        ("el_centro_low_ff", nothing(3)),
+    ],
 )
 def test_errors_are_those_of_the_true_floors_and_the_channel_is_named(memory: Memory, name: str, given: Added) -> None:
     setup = setup_with(name, COUPLED)
@@ -150,6 +148,7 @@ def test_the_file_of_a_real_run_has_the_errors_of_the_true_floors_and_names_the_
     assert shown[2, ~before].mean() == pytest.approx(5e-3 + 3.0 * MV_PER_MIN * (clock[~before].mean() + 2.0), abs=4e-4)
 
 
+@pytest.mark.campaign
 def test_a_run_that_a_jump_drives_to_its_stop_names_the_jump(memory: Memory) -> None:
     """Feedback follows a table sensor that jumps until the stroke ends: what is said of the sensor is the cause."""
     setup = setup_with("hachinohe_high_ff_fb", COUPLED, FEEDBACK)
@@ -176,12 +175,15 @@ class EndStop(DriftingRig):
 
 @pytest.mark.parametrize(
     ("given", "beyond_m", "told"),
-    [
-        (added(0, 0.0, 0.0, (9.7, 50e-3)), 0.06, r"table jumps by (50|49\.\d|50\.\d) mV at 9\.70"),
-        (added(0, 5e-3, 500.0 * MV_PER_MIN), 0.06, r"table has an offset of .* by (500|49\d|50\d) mV/min"),
-        (nothing(3), 0.01, None),
-        (nothing(3), 0.02, None),
-    ],
+    keep_first(
+        1,
+        [
+            (added(0, 0.0, 0.0, (9.7, 50e-3)), 0.06, r"table jumps by (50|49\.\d|50\.\d) mV at 9\.70"),
+            (added(0, 5e-3, 500.0 * MV_PER_MIN), 0.06, r"table has an offset of .* by (500|49\d|50\d) mV/min"),
+            (nothing(3), 0.01, None),
+            (nothing(3), 0.02, None),
+        ],
+    ),
     ids=["jump", "drift", "healthy, early", "healthy, late"],
 )
 def test_a_run_that_the_rig_ends_names_its_drifting_sensor_and_no_healthy_one(

@@ -20,6 +20,8 @@ from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
 from rths_cli.numerics.lti import Array
 
+pytestmark = pytest.mark.campaign
+
 CERTAIN = "table.uncertainty={corner: 0, skew_s: 0, mass: 0, drift: 0}"
 QUICK = ("sample_rate_hz=1000", "identification.duration_s=60", "runs=[sim, sim_delay, exp_rths]")
 GAIN, CORNER, LAG = range(3), range(3, 6), range(6, 9)  # places of the table's and two floors' parameters

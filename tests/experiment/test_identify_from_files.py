@@ -135,7 +135,7 @@ def later(values: Array, samples: float) -> Array:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("samples", [0.2, 3.0, 50.0])
+@pytest.mark.parametrize("samples", keep_first(1, [0.2, 3.0, 50.0]))
 def test_channels_that_state_later_starts_give_the_same_delay(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup, samples: float
 ) -> None:
@@ -183,7 +183,7 @@ def as_hdf5(recording: Recording) -> list[str]:
     return ["--data", "d.hdf5", "--rate", "2000", *(word for role in roles for word in ("--channel", role))]
 
 
-@pytest.mark.parametrize("writer", [as_csv, as_mat, as_hdf5])
+@pytest.mark.parametrize("writer", keep_first(1, [as_csv, as_mat, as_hdf5]))
 def test_other_forms_and_units_give_the_model_of_the_rig(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup, writer: Callable[[Recording], list[str]]
 ) -> None:
@@ -308,6 +308,7 @@ def test_a_fault_of_the_data_is_named_and_gives_no_model(
     assert all(word in " ".join(map(str, document["reasons"])) for word in words)  # type: ignore[call-overload]
 
 
+@pytest.mark.campaign
 def test_hum_is_named_and_harms_no_model(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup
 ) -> None:
@@ -324,6 +325,7 @@ def test_hum_is_named_and_harms_no_model(
     assert np.abs(error).max() < 2e-3
 
 
+@pytest.mark.campaign
 def test_isolated_missing_samples_are_bridged_with_a_note(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup
 ) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from portfolio import keep_first
 from watched_references import watch_references
 
 from rths_cli.case.load import load_cases
@@ -37,26 +36,24 @@ def play(path: Path, settings: tuple[str, ...], memory: Memory, shared: SharedVa
     return found
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("of", "varied"),
-    keep_first(
-        1,
-        [
+    [
+        (
+            "sim,sim_delay",
             (
-                "sim,sim_delay",
-                (
-                    "scaling=0.2",
-                    "damping=high",
-                    "record=hachinohe",
-                    "record_filter.corner_hz=0.5",
-                    "sample_rate_hz=1000",
-                    "delay_s=0.004",
-                    "structure.interface_experimental_mass_kg=0.5",
-                ),
+                "scaling=0.2",
+                "damping=high",
+                "record=hachinohe",
+                "record_filter.corner_hz=0.5",
+                "sample_rate_hz=1000",
+                "delay_s=0.004",
+                "structure.interface_experimental_mass_kg=0.5",
             ),
-            ("exp_rths", ("controller.command_weight=0.1", "damping=high", "record=hachinohe")),
-        ],
-    ),
+        ),
+        ("exp_rths", ("controller.command_weight=0.1", "damping=high", "record=hachinohe")),
+    ],
 )
 def test_a_case_has_the_same_bytes_beside_those_that_differ_in_one_key(
     of: str, varied: tuple[str, ...], tmp_path: Path, memory: Memory

@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from portfolio import keep_first
+from portfolio import parametrize_first
 from warm_command import rths_words
 
 from rths_cli.files.result_reader import read_result
@@ -69,7 +69,7 @@ def test_a_finished_result_is_replaced_unless_told_not_to(
     assert (tmp_path / "results/el_centro_low_ff.h5").stat().st_mtime_ns > before
 
 
-@pytest.mark.parametrize(("number", "code"), keep_first(1, [(signal.SIGINT, 130), (signal.SIGTERM, 143)]))
+@parametrize_first(1, ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_the_batch_with_its_code_and_whole_files(tmp_path: Path, number: int, code: int) -> None:
     for k in range(60):
         (tmp_path / f"c{k:02}.yaml").write_text(CASE.format(scaling=0.3, runs="[sim, sim_delay]"))

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.files import durable_files
 from rths_cli.files.durable_files import claimed, publish, stamp
@@ -52,8 +52,8 @@ def scaling_in(path: Path) -> float:
     return float(next(line for line in text.splitlines() if line.startswith("scaling:")).split()[1])
 
 
-@pytest.mark.parametrize("more", keep_first(1, [(), ("--no-replace",)]))
-@pytest.mark.parametrize("count", keep_first(1, [2, 5]))
+@parametrize_first(1, "more", [(), ("--no-replace",)])
+@parametrize_first(1, "count", [2, 5])
 def test_no_result_of_several_processes_is_lost(count: int, more: tuple[str, ...]) -> None:
     """Whenever each begins: a result is there, or its process was refused, or another says that it replaced it."""
     scalings = [round(0.1 + 0.05 * number, 3) for number in range(count)]

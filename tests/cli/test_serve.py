@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.experiment.serve_command import describe
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
@@ -56,7 +56,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "rths"
 
 
-@pytest.mark.parametrize(("number", "code"), keep_first(1, [(signal.SIGINT, 130), (signal.SIGTERM, 143)]))
+@parametrize_first(1, ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_rests_the_table_and_ends_with_its_code(own_cache: Path, number: int, code: int) -> None:
     with started() as (process, host, port, key_file):
         assert (host, key_file) == ("127.0.0.1", own_cache / "serve.key")

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from made_up_check import LINEAR, TRUE_ERROR
-from portfolio import keep_first
+from portfolio import parametrize_first
 from watched_references import watch_references
 
 from rths_cli.case.load import load_cases
@@ -104,19 +104,17 @@ def test_a_virtual_rig_without_a_model_is_identified_and_that_is_said(memory: Me
     assert "identified just now" in checked(memory).about.model
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    3,
     ("settings", "case", "verdict", "word"),
-    keep_first(
-        3,
-        [
-            ((), CASE, "safe", ""),
-            (("method=paper",), CASE, "safe", ""),
-            ((), BARE, "unsafe", "with 0.931 times the table's gain the loop tolerates only"),
-            (("table.uncertainty.table_gain=0.01",), BARE, "safe", ""),
-            (("controller=none",), CASE, "unstable", "spectral radius"),
-            (("scaling=0.9",), CASE, "unsafe", "the largest safe scaling is"),
-        ],
-    ),
+    [
+        ((), CASE, "safe", ""),
+        (("method=paper",), CASE, "safe", ""),
+        ((), BARE, "unsafe", "with 0.931 times the table's gain the loop tolerates only"),
+        (("table.uncertainty.table_gain=0.01",), BARE, "safe", ""),
+        (("controller=none",), CASE, "unstable", "spectral radius"),
+        (("scaling=0.9",), CASE, "unsafe", "the largest safe scaling is"),
+    ],
 )
 def test_verdicts(memory: Memory, settings: tuple[str, ...], case: str, verdict: str, word: str) -> None:
     found = checked(memory, *settings, case=case)
@@ -237,7 +235,7 @@ def test_two_faults_are_both_told(tmp_path: Path, memory: Memory) -> None:
     assert "shake-table test refused, unsafe" in ended.reason and "EXP-RTHS refused, unsafe" in ended.reason
 
 
-@pytest.mark.parametrize("case", keep_first(1, [CASE, "hachinohe_high_ff"]))
+@parametrize_first(1, "case", [CASE, "hachinohe_high_ff"])
 def test_the_largest_safe_scaling_is_safe_and_a_third_more_is_stopped(
     tmp_path: Path, memory: Memory, case: str
 ) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.analysis.predicted_error import predict
 from rths_cli.analysis.stability_check import SAFE
@@ -111,20 +111,18 @@ def test_the_choice_is_told_and_repeats_as_stated(memory: Memory) -> None:
     np.testing.assert_array_equal(same.blocks.estimator.A, design.blocks.estimator.A)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     "settings",
-    keep_first(
-        1,
-        [
-            (),  # as it is: no choice is needed
-            (*COARSE, "kalman.r=1.0", "kalman.choice=stated"),
-            (*COARSE, "kalman.q=1000.0"),
-            (*COARSE, "kalman.residual_hz=40.0"),
-            (*COARSE, "check.specimen_range=[0.8, 1.0]"),  # a specimen that may change cannot be trusted
-            (*COARSE, "table.uncertainty={corner: 0, skew_s: 0, mass: 0, drift: 0, specimen: 0.05}"),
-            (*COARSE, "method=paper"),
-        ],
-    ),
+    [
+        (),  # as it is: no choice is needed
+        (*COARSE, "kalman.r=1.0", "kalman.choice=stated"),
+        (*COARSE, "kalman.q=1000.0"),
+        (*COARSE, "kalman.residual_hz=40.0"),
+        (*COARSE, "check.specimen_range=[0.8, 1.0]"),  # a specimen that may change cannot be trusted
+        (*COARSE, "table.uncertainty={corner: 0, skew_s: 0, mass: 0, drift: 0, specimen: 0.05}"),
+        (*COARSE, "method=paper"),
+    ],
 )
 def test_the_usual_filter_stays(settings: tuple[str, ...], memory: Memory) -> None:
     setup = setup_of(*settings)
@@ -192,9 +190,7 @@ def test_automatic_counters_the_reaction_where_the_test_is_safe_with_it(memory: 
     assert not [told for told in checked.warnings if "reaction" in told or "friction" in told]
 
 
-@pytest.mark.parametrize(
-    "settings", keep_first(1, [COARSE, ("method=paper",), ("controller=none",), ("runs=[shake_table]",)])
-)
+@parametrize_first(1, "settings", [COARSE, ("method=paper",), ("controller=none",), ("runs=[shake_table]",)])
 def test_automatic_leaves_the_design_as_it_is_without(settings: tuple[str, ...], memory: Memory) -> None:
     """With coarse samples another filter is chosen; the others have no such feedforward, or no check that judges it."""
     off = "controller.reaction_feedforward=false"

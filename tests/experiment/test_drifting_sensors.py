@@ -12,7 +12,7 @@ import pytest
 from campaigns import drifting_sensor_runs
 from campaigns.drifting_rig import DriftingRig
 from campaigns.drifting_sensor_runs import Added, Played, faults, nothing, outcome_of, played
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.case.load import load_cases
@@ -173,17 +173,15 @@ class EndStop(DriftingRig):
         return samples + self.hits * np.array([0.05, 0.0, 0.0])
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("given", "beyond_m", "told"),
-    keep_first(
-        1,
-        [
-            (added(0, 0.0, 0.0, (9.7, 50e-3)), 0.06, r"table jumps by (50|49\.\d|50\.\d) mV at 9\.70"),
-            (added(0, 5e-3, 500.0 * MV_PER_MIN), 0.06, r"table has an offset of .* by (500|49\d|50\d) mV/min"),
-            (nothing(3), 0.01, None),
-            (nothing(3), 0.02, None),
-        ],
-    ),
+    [
+        (added(0, 0.0, 0.0, (9.7, 50e-3)), 0.06, r"table jumps by (50|49\.\d|50\.\d) mV at 9\.70"),
+        (added(0, 5e-3, 500.0 * MV_PER_MIN), 0.06, r"table has an offset of .* by (500|49\d|50\d) mV/min"),
+        (nothing(3), 0.01, None),
+        (nothing(3), 0.02, None),
+    ],
     ids=["jump", "drift", "healthy, early", "healthy, late"],
 )
 def test_a_run_that_the_rig_ends_names_its_drifting_sensor_and_no_healthy_one(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.analysis.grade import changes_of, deviations_of
 from rths_cli.case.load import load_cases
@@ -61,7 +61,7 @@ def test_a_specimen_as_identified_has_a_bound_that_holds_and_no_finding(
     assert "hardly matters" not in verdict(result)
 
 
-@pytest.mark.parametrize("factor", keep_first(1, [0.8, 1.15]))
+@parametrize_first(1, "factor", [0.8, 1.15])
 def test_a_specimen_that_changed_since_its_identification_is_the_reference_s(
     tmp_path: Path, memory: Memory, record: str, factor: float
 ) -> None:

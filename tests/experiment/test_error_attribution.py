@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from campaigns.budget_causes import CAUSES, Named, Switched, named_causes
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.analysis.error_attribution import Cause
 from rths_cli.experiment.error_budget_metrics import told_causes
@@ -17,7 +17,7 @@ SAMPLE = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", keep_first(2, SAMPLE))
+@parametrize_first(2, "name", SAMPLE)
 def test_what_was_switched_on_is_named_first(name: str, memory: Memory) -> None:
     found = named_causes(CAUSES[name], memory)
     assert found.error >= 0.03

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.analysis.error_budget import (
     CAUSES,
@@ -162,7 +162,7 @@ def test_a_softer_specimen_is_the_specimens_error(
         assert value(found, f"rms_error_{name}_m_s2") < 0.05 * roof
 
 
-@pytest.mark.parametrize(("gain", "late_s"), keep_first(1, [(1.01, 0.0), (1.0, 5e-5), (0.98, -1e-4)]))
+@parametrize_first(1, ("gain", "late_s"), [(1.01, 0.0), (1.0, 5e-5), (0.98, -1e-4)])
 def test_a_wrong_gain_and_delay_of_the_model_are_named(
     default: tuple[Values, np.ndarray, Identification], gain: float, late_s: float
 ) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.analysis.true_error import Sensitivities
 from rths_cli.case.load import load_cases
@@ -52,17 +52,15 @@ def true_error(path: Path, memory: Memory, *settings: str) -> Array:
     return np.asarray(read_result(path).metrics["exp_rths.true_reference_rms_error_m_s2"])
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("stated", "places", "off", "within"),
-    keep_first(
-        1,
-        [
-            ("gain_error=0.005", GAIN, np.log(1.005), 0.1),
-            ("high_pass_error=[0.2, 0, 0]", CORNER[:1], np.log(1.2), 0.35),
-            ("high_pass_error=0.2", CORNER, np.log(1.2), 0.2),
-            ("skew_s=[5e-5, 0, 0]", LAG[:1], -5e-5, 0.25),
-        ],
-    ),
+    [
+        ("gain_error=0.005", GAIN, np.log(1.005), 0.1),
+        ("high_pass_error=[0.2, 0, 0]", CORNER[:1], np.log(1.2), 0.35),
+        ("high_pass_error=0.2", CORNER, np.log(1.2), 0.2),
+        ("skew_s=[5e-5, 0, 0]", LAG[:1], -5e-5, 0.25),
+    ],
     ids=["all gains", "corner of the table", "all corners", "instant of the table"],
 )
 def test_an_error_of_the_calibration_costs_what_is_expected(

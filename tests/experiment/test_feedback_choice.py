@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
 from rths_cli.analysis.identified_rig_block import identified_rig
@@ -107,17 +107,15 @@ def test_a_usual_feedback_that_is_of_no_use_is_told_so(bare: Identification, mon
     assert "the usual feedback is of no use on this table; chosen instead: disturbance_hz: [1, 12]" in told
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("stated", "weights"),
-    keep_first(
-        1,
-        [
-            ("command_weight: 0.01", DEFAULT),
-            ("disturbance_hz: [1, 12]", DEFAULT),
-            ("disturbance_hz: [2, 8], command_weight: 0.03", Weights((2.0, 8.0), 0.03)),
-            ("feedback_bandwidth_hz: 20", DEFAULT),
-        ],
-    ),
+    [
+        ("command_weight: 0.01", DEFAULT),
+        ("disturbance_hz: [1, 12]", DEFAULT),
+        ("disturbance_hz: [2, 8], command_weight: 0.03", Weights((2.0, 8.0), 0.03)),
+        ("feedback_bandwidth_hz: 20", DEFAULT),
+    ],
 )
 def test_a_stated_value_is_never_changed(bare: Identification, stated: str, weights: Weights) -> None:
     setup = bare_setup(f"{{kind: FF+FB, {stated}}}")
@@ -187,9 +185,7 @@ def test_where_no_choice_is_safe_the_usual_feedback_and_its_refusal_stay(
     assert pickle.dumps(found.blocks) == pickle.dumps(stated.blocks)
 
 
-@pytest.mark.parametrize(
-    ("missed", "told"), keep_first(1, [(0.24, "misses the measured response by 0.24"), (0.005, "peak of 1.001")])
-)
+@parametrize_first(1, ("missed", "told"), [(0.24, "misses the measured response by 0.24"), (0.005, "peak of 1.001")])
 def test_the_printed_method_names_its_own_model_where_that_is_wrong(
     default_setup: Setup, default_identification: Identification, missed: float, told: str
 ) -> None:

@@ -15,7 +15,7 @@ import scipy.fft
 import scipy.io
 import scipy.signal
 from nptdms import ChannelObject, TdmsWriter
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.case.load import load_cases
 from rths_cli.cli import entry_point
@@ -135,7 +135,7 @@ def later(values: Array, samples: float) -> Array:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("samples", keep_first(1, [0.2, 3.0, 50.0]))
+@parametrize_first(1, "samples", [0.2, 3.0, 50.0])
 def test_channels_that_state_later_starts_give_the_same_delay(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup, samples: float
 ) -> None:
@@ -183,7 +183,7 @@ def as_hdf5(recording: Recording) -> list[str]:
     return ["--data", "d.hdf5", "--rate", "2000", *(word for role in roles for word in ("--channel", role))]
 
 
-@pytest.mark.parametrize("writer", keep_first(1, [as_csv, as_mat, as_hdf5]))
+@parametrize_first(1, "writer", [as_csv, as_mat, as_hdf5])
 def test_other_forms_and_units_give_the_model_of_the_rig(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup, writer: Callable[[Recording], list[str]]
 ) -> None:
@@ -274,21 +274,19 @@ def incoherent(x: Array) -> Array:
     return x
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("change", "words"),
-    keep_first(
-        1,
-        [
-            (lost, ("5 % of the record", "floor_3: ", "samples are missing")),
-            (dead, ("channel floor_2: dead",)),
-            (swapped, ("channels floor_2 and floor_3: they look swapped",)),
-            (table_swapped, ("channels table and floor_2: they look swapped",)),
-            (reversed_floor, ("channel floor_3: wrong sign",)),
-            (reversed_command, ("command: every channel moves against it",)),
-            (clipped, ("channel table: clipped",)),
-            (incoherent, ("channel floor_2: median coherence 0.6",)),
-        ],
-    ),
+    [
+        (lost, ("5 % of the record", "floor_3: ", "samples are missing")),
+        (dead, ("channel floor_2: dead",)),
+        (swapped, ("channels floor_2 and floor_3: they look swapped",)),
+        (table_swapped, ("channels table and floor_2: they look swapped",)),
+        (reversed_floor, ("channel floor_3: wrong sign",)),
+        (reversed_command, ("command: every channel moves against it",)),
+        (clipped, ("channel table: clipped",)),
+        (incoherent, ("channel floor_2: median coherence 0.6",)),
+    ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
 def test_a_fault_of_the_data_is_named_and_gives_no_model(

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import scipy.io
 import yaml
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
@@ -96,17 +96,15 @@ def test_an_unchanged_rig_passes_and_file_and_age_are_written_down(
     assert np.asarray(result.metrics["exp_rths.rms_error_m_s2"]) == pytest.approx(errors, abs=0.0)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("change", "word"),
-    keep_first(
-        1,
-        [
-            (f"{AFTER}.specimen_stiffness_factor=0.85", "specimen mode 1 is at 2.95"),
-            (f"{AFTER}.specimen_stiffness_factor=0.99", "specimen mode 1 is at 3.18"),
-            (f"{AFTER}.coulomb_factor=10", "table answers"),
-            (f"{AFTER}.payload_factor=1.1", "specimen mode 2 is at 8.0"),
-        ],
-    ),
+    [
+        (f"{AFTER}.specimen_stiffness_factor=0.85", "specimen mode 1 is at 2.95"),
+        (f"{AFTER}.specimen_stiffness_factor=0.99", "specimen mode 1 is at 3.18"),
+        (f"{AFTER}.coulomb_factor=10", "table answers"),
+        (f"{AFTER}.payload_factor=1.1", "specimen mode 2 is at 8.0"),
+    ],
 )
 def test_what_changed_since_is_found_and_named(tmp_path: Path, file: Path, change: str, word: str) -> None:
     ended, result = run(tmp_path / "r.h5", setup_of(file, change))
@@ -128,9 +126,7 @@ def test_a_changed_rig_runs_when_overridden_and_the_result_says_all(tmp_path: Pa
     assert "specimen mode 1 is at 2.95" in result.attributes["warnings"]
 
 
-@pytest.mark.parametrize(
-    "change", keep_first(1, ["specimen_stiffness_factor=0.999", "coulomb_factor=1.5", "payload_factor=1.001"])
-)
+@parametrize_first(1, "change", ["specimen_stiffness_factor=0.999", "coulomb_factor=1.5", "payload_factor=1.001"])
 def test_what_hardly_changed_passes(file: Path, change: str) -> None:
     known = Memory().known(setup_of(file, f"{AFTER}.{change}"), no_progress)
     assert known.reasons == ()

@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 import pytest
 from declared_contents import model_faults
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.case import plugin_rig_names
 from rths_cli.case.load import load_cases
@@ -436,17 +436,15 @@ def of_another_rig(path: Path, found: Identification) -> None:
     save(path, setup_of("table.physics.coulomb_n=0.9"), found, "", "")
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     "spoil",
-    keep_first(
-        1,
-        [
-            lambda path, _: path.write_bytes(path.read_bytes()[:-100]),
-            lambda path, _: path.write_bytes(b""),
-            lambda path, _: path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(1000)),
-            of_another_rig,
-        ],
-    ),
+    [
+        lambda path, _: path.write_bytes(path.read_bytes()[:-100]),
+        lambda path, _: path.write_bytes(b""),
+        lambda path, _: path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(1000)),
+        of_another_rig,
+    ],
 )
 def test_a_spoilt_file_in_the_cache_is_replaced(
     cache_folder: Path,

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns.sensor_faults import BOTH, Ended, faulty_runs, healthy, planned, played
-from portfolio import keep_first
+from portfolio import keep_first, parametrize_first
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import Design, design_blocks
@@ -50,15 +50,13 @@ def usual(make: Make) -> Made:
     return make()
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("kind", "settings"),
-    keep_first(
-        1,
-        [
-            *((kind, one) for kind in BOTH for one in ((), ("controller=FF",), ("table.converters.bits=9",))),
-            (SHAKE_TABLE_TEST, ("controller=none",)),  # without a controller this hybrid loop does not settle
-        ],
-    ),
+    [
+        *((kind, one) for kind in BOTH for one in ((), ("controller=FF",), ("table.converters.bits=9",))),
+        (SHAKE_TABLE_TEST, ("controller=none",)),  # without a controller this hybrid loop does not settle
+    ],
     ids=lambda value: getattr(value, "name", None),
 )
 def test_no_healthy_run_is_stopped(make: Make, settings: tuple[str, ...], kind: RunKind) -> None:
@@ -66,7 +64,7 @@ def test_no_healthy_run_is_stopped(make: Make, settings: tuple[str, ...], kind: 
     assert stopped == ""
 
 
-@pytest.fixture(scope="module", params=BOTH, ids=lambda kind: kind.name)
+@pytest.fixture(scope="module", params=keep_first(1, BOTH), ids=lambda kind: kind.name)
 def ends(request: pytest.FixtureRequest, usual: Made) -> list[Ended]:
     plan = planned(*usual, request.param)
     _, samples_v, place_m = healthy(plan)

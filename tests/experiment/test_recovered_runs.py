@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from declared_contents import declaration_faults
-from portfolio import keep_first
+from portfolio import parametrize_first
 from python_models import Inverse, Storeys
 
 from rths_cli.case.load import load_cases, resolved_yaml
@@ -136,7 +136,7 @@ def _elsewhere(resolved: str, folder: str, gone: str) -> str:
     return resolved.replace("\nidentification:\n", IDENTIFIED).replace(folder, gone)
 
 
-@pytest.mark.parametrize("present", keep_first(1, [True, False]), ids=["result begun", "no result"])
+@parametrize_first(1, "present", [True, False], ids=["result begun", "no result"])
 def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path: Path, present: bool) -> None:
     result = tmp_path / "a.h5"
     if present:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns.judged_run_trials import tried
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
 from rths_cli.case.load import load_cases
@@ -40,9 +40,7 @@ def louder(setup: Setup, identified: Identification, factor: float) -> Verdict:
     return verdict_on(setup, Known(identified, "test"), False, design)
 
 
-@pytest.mark.parametrize(
-    "method", keep_first(1, ["best", "paper"])
-)  # paper: its leaky inverse has a double root slower than a record
+@parametrize_first(1, "method", ["best", "paper"])  # paper: its leaky inverse has a double root slower than a record
 def test_peaks_are_those_of_the_table(
     default_setup: Setup, default_identification: Identification, method: str
 ) -> None:

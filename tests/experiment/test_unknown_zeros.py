@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hybrid import open_limits
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.analysis.stability_check import SAFE, Strays, reach, strays
 from rths_cli.case.load import load_cases
@@ -47,7 +47,7 @@ def case_of(identified: Identification, corner_hz: float = 0.024) -> tuple[Setup
     return setup, judge(setup, identified, design), play
 
 
-@pytest.mark.parametrize("corner_hz", keep_first(1, [0.05, 0.3]))
+@parametrize_first(1, "corner_hz", [0.05, 0.3])
 def test_an_offset_moves_the_command_as_far_as_the_check_says(
     default_identification: Identification, corner_hz: float
 ) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made_linear import DT, Linear, linear
 from made_records import make_specimen
-from portfolio import keep_first
+from portfolio import parametrize_first
 from scipy import signal
 
 from rths_cli.control import sensor_correction
@@ -76,8 +76,8 @@ def test_uneven_damping_is_no_fault(stiffness: tuple[float, ...], ratios: tuple[
     assert faults(linear(make_specimen(stiffness, ratios))) == []
 
 
-@pytest.mark.parametrize("kind", keep_first(1, KINDS))
-@pytest.mark.parametrize("floors", keep_first(1, [1, 2, 3]))
+@parametrize_first(1, "kind", KINDS)
+@parametrize_first(1, "floors", [1, 2, 3])
 def test_every_pair_of_swapped_channels_is_named(floors: int, kind: Kind) -> None:
     made = clean(floors, kind=kind)
     for one, other in combinations(range(floors + 1), 2):
@@ -88,8 +88,8 @@ def test_every_pair_of_swapped_channels_is_named(floors: int, kind: Kind) -> Non
         assert f"channels {names(made)[one]} and {names(made)[other]}: they look swapped" in found[0]
 
 
-@pytest.mark.parametrize("kind", keep_first(1, KINDS))
-@pytest.mark.parametrize("floors", keep_first(1, [1, 2, 3]))
+@parametrize_first(1, "kind", KINDS)
+@parametrize_first(1, "floors", [1, 2, 3])
 def test_only_the_reversed_channel_is_named(floors: int, kind: Kind) -> None:
     made = clean(floors, kind=kind)
     for index, name in enumerate(names(made)):
@@ -109,8 +109,8 @@ def stated(fault: str, name: str) -> float:
     return float(fault.split(f"channel {name}: reads ")[1].split()[0])
 
 
-@pytest.mark.parametrize("factor", keep_first(1, [0.9, 1.1]))
-@pytest.mark.parametrize("floors", keep_first(1, [1, 2, 3]))
+@parametrize_first(1, "factor", [0.9, 1.1])
+@parametrize_first(1, "floors", [1, 2, 3])
 def test_only_the_channel_of_wrong_sensitivity_is_named(floors: int, factor: float) -> None:
     made = clean(floors)
     for index, name in enumerate(names(made)[1:], 1):
@@ -172,7 +172,7 @@ def test_dead_and_drowned_channels_are_named(kind: Kind) -> None:
             assert f"channel {name}: {sentence}" in found[0]
 
 
-@pytest.mark.parametrize("coherence", keep_first(1, [0.6, 0.8]))
+@parametrize_first(1, "coherence", [0.6, 0.8])
 def test_incoherent_channel_is_named_with_its_coherence(coherence: float) -> None:
     made = clean(2)
     other = linear(made.specimen, "noise", 99).record.accel_m_s2  # the same spectra, another excitation

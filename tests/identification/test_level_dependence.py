@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from campaigns.own_chains import made_chain
 from campaigns.own_plant import Plant
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.identification.identify import identify
 from rths_cli.identification.results import Identification
@@ -27,19 +26,17 @@ def found(plant: Plant) -> Identification:
     return identify([loud.record], loud.info, plant.masses_kg, quiet=quiet.record)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("plant", "table", "storeys"),
-    keep_first(
-        1,
-        [
-            (STIFF_SERVO, (), ()),
-            (TOLERATED, ("friction",), ()),
-            (replace(SOFT_SERVO, coulomb_n=2.0), ("friction",), ()),
-            (replace(SOFT_SERVO, cubic_n_per_m3=CUBIC), ("hardening",), ()),
-            (replace(SOFT_SERVO, cubic_n_per_m3=-0.5 * CUBIC), ("softening",), ()),
-            (replace(STIFF_SERVO, softening_m=0.1), None, (1,)),
-        ],
-    ),
+    [
+        (STIFF_SERVO, (), ()),
+        (TOLERATED, ("friction",), ()),
+        (replace(SOFT_SERVO, coulomb_n=2.0), ("friction",), ()),
+        (replace(SOFT_SERVO, cubic_n_per_m3=CUBIC), ("hardening",), ()),
+        (replace(SOFT_SERVO, cubic_n_per_m3=-0.5 * CUBIC), ("softening",), ()),
+        (replace(STIFF_SERVO, softening_m=0.1), None, (1,)),
+    ],
     ids=["linear", "friction 6 N", "friction 2 N", "hardening", "softening", "storey"],
 )
 def test_the_cause_is_told(plant: Plant, table: tuple[str, ...] | None, storeys: tuple[int, ...]) -> None:
@@ -53,7 +50,7 @@ def test_the_cause_is_told(plant: Plant, table: tuple[str, ...] | None, storeys:
     assert "hum" not in reasons
 
 
-@pytest.mark.parametrize("softening_m", keep_first(1, [0.1, 0.05, np.inf]))
+@parametrize_first(1, "softening_m", [0.1, 0.05, np.inf])
 def test_the_frequency_of_a_storey_at_small_drift_lies_within_what_is_stated_at_full_level(softening_m: float) -> None:
     specimen = found(replace(STIFF_SERVO, softening_m=softening_m)).specimen
     assert specimen is not None

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import rig_info
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.control.sensor_correction import correction, recorrected
 from rths_cli.identification.sensor_calibration import (
@@ -251,7 +251,7 @@ def test_a_record_that_shows_no_differences_leaves_uncertainties_as_declared():
     assert chain.mass_spread.chance > 0.05 and np.all(chain.mass_spread.factor < 1.1)
 
 
-@pytest.mark.parametrize("joints", keep_first(1, [0.0, 1.0]))
+@parametrize_first(1, "joints", [0.0, 1.0])
 def test_uncertainties_cover_the_errors_of_many_records(joints):
     """Of 40 records the errors of the gains' ratios over their uncertainty have a mean square of 1, also where one part
     of the band is a hundred times as noisy as the others."""

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from campaigns.own_chains import Chain, Fault, injected, made_chain
 from campaigns.own_plant import Plant
-from portfolio import keep_first
+from portfolio import parametrize_first
 
 from rths_cli.identification import channel_responses
 from rths_cli.identification.chain_residual import explained, first_values, grouped
@@ -80,24 +80,22 @@ def test_a_chain_as_declared_is_explained_and_not_accused(name: str) -> None:
     assert_healthy(chain(name), PLANTS[name], misfit=2.0, within=0.01)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("name", "fault", "words"),
-    keep_first(
-        1,
-        [
-            ("soft top", Fault("sign", (4,)), "channel floor_5: wrong sign"),
-            ("soft top", Fault("sign", (2,)), "channel floor_3: wrong sign"),
-            ("soft top", Fault("gain", (0,), 1.06), "channel table: reads 1.0"),
-            ("soft top", Fault("swap", (1, 3)), "channels floor_2 and floor_4: they look swapped"),
-            ("stiff", Fault("swap", (1, 2)), "channels floor_2 and floor_3: they look swapped"),
-            ("stiff", Fault("gain", (2,), 0.9), "channel floor_3: reads 0.900"),
-            ("one", Fault("sign", (1,)), "channel floor_2: wrong sign"),
-            ("one", Fault("sign", (0,)), "channel table: wrong sign"),
-            ("one", Fault("gain", (1,), 1.1), "channel floor_2: reads 1.100"),
-            ("light", Fault("reversed", (1, 2, 3, 4, 5)), "reverse order"),
-            ("light", Fault("gain", (3,), 1.2), "channel floor_4: reads 1.200"),
-        ],
-    ),
+    [
+        ("soft top", Fault("sign", (4,)), "channel floor_5: wrong sign"),
+        ("soft top", Fault("sign", (2,)), "channel floor_3: wrong sign"),
+        ("soft top", Fault("gain", (0,), 1.06), "channel table: reads 1.0"),
+        ("soft top", Fault("swap", (1, 3)), "channels floor_2 and floor_4: they look swapped"),
+        ("stiff", Fault("swap", (1, 2)), "channels floor_2 and floor_3: they look swapped"),
+        ("stiff", Fault("gain", (2,), 0.9), "channel floor_3: reads 0.900"),
+        ("one", Fault("sign", (1,)), "channel floor_2: wrong sign"),
+        ("one", Fault("sign", (0,)), "channel table: wrong sign"),
+        ("one", Fault("gain", (1,), 1.1), "channel floor_2: reads 1.100"),
+        ("light", Fault("reversed", (1, 2, 3, 4, 5)), "reverse order"),
+        ("light", Fault("gain", (3,), 1.2), "channel floor_4: reads 1.200"),
+    ],
 )
 def test_the_fault_put_in_is_the_one_named(name: str, fault: Fault, words: str) -> None:
     (sentence,) = said(injected(chain(name), fault)).faults

@@ -9,7 +9,7 @@ import faulty
 import numpy as np
 import pytest
 from freezing import HOLDS, freezing_of, told
-from portfolio import keep_first
+from portfolio import parametrize_first
 from told_causes import FAILED, LINK, MOTION, TABLE, TABLE_SENSOR, verdict
 
 from rths_cli.loop.diagnosis import cause_of
@@ -20,30 +20,28 @@ from rths_cli.loop.run_log import Log, Signals, Sizes
 LOOSE = replace(faulty.bench_info(), limits=replace(faulty.bench_info().limits, tracking_error_m_s2=np.inf))
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("kind", "said"),
-    keep_first(
-        1,
-        [
-            (
-                "table sensor sign flipped",
-                "channel channel_0 does not show the motion that the floors show: its sensor",
-            ),
-            ("first floor sign flipped", "channel channel_1 does not fit the others: its sensor, or the specimen"),
-            (
-                "floor sensor unplugged",
-                "channel channel_2 does not fit the others: its sensor (its value does not change)",
-            ),
-            ("all sensors stuck", "all channels kept their values for"),
-            (
-                "floors swapped",
-                "channels channel_1 and channel_2 do not fit each other: their sensors, or the specimen",
-            ),
-            ("actuator weak", "the table does not move as desired, or all sensors are wrong alike"),
-            ("all signs flipped", "channels channel_0, channel_1 and channel_2 do not fit each other: their sensors"),
-            ("motion ten times too large", "velocity (estimated from the command) beyond its limit"),
-        ],
-    ),
+    [
+        (
+            "table sensor sign flipped",
+            "channel channel_0 does not show the motion that the floors show: its sensor",
+        ),
+        ("first floor sign flipped", "channel channel_1 does not fit the others: its sensor, or the specimen"),
+        (
+            "floor sensor unplugged",
+            "channel channel_2 does not fit the others: its sensor (its value does not change)",
+        ),
+        ("all sensors stuck", "all channels kept their values for"),
+        (
+            "floors swapped",
+            "channels channel_1 and channel_2 do not fit each other: their sensors, or the specimen",
+        ),
+        ("actuator weak", "the table does not move as desired, or all sensors are wrong alike"),
+        ("all signs flipped", "channels channel_0, channel_1 and channel_2 do not fit each other: their sensors"),
+        ("motion ten times too large", "velocity (estimated from the command) beyond its limit"),
+    ],
 )
 def test_without_a_limit_on_the_tracking_error_the_cause_is_named_all_the_same(kind: str, said: str) -> None:
     ended = faulty.performed(kind, 1, LOOSE)

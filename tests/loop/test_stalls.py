@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from portfolio import keep_first
+from portfolio import parametrize_first
 from stalling import Laboratory, laboratory_of, logged
 
 from rths_cli.loop.bumpless_transfer import OFF_V
@@ -25,7 +25,7 @@ def calm(laboratory: Laboratory) -> Performance:
     return laboratory.run(STALLED_AT, 0)[0]
 
 
-@pytest.mark.parametrize("length", keep_first(1, [1, 7, 18, 30, 50]))
+@parametrize_first(1, "length", [1, 7, 18, 30, 50])
 def test_a_stall_within_the_time_foreseen_costs_next_to_no_accuracy(
     laboratory: Laboratory, calm: Performance, length: int
 ) -> None:

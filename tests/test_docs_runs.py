@@ -23,7 +23,6 @@ from docs_running import (
     shortened,
     stories,
 )
-from portfolio import parametrize_first
 from test_docs import commands
 
 from rths_cli.report.figures import write
@@ -85,7 +84,8 @@ def test_the_pages_that_are_run_as_written_are_these() -> None:
     assert {at(page) for page in STORIES} == others | howto | own | background
 
 
-@parametrize_first(1, "page", STORIES, ids=at)
+@pytest.mark.campaign
+@pytest.mark.parametrize("page", STORIES, ids=at)
 def test_the_page_works_as_it_is_written(page: Path, tmp_path: Path) -> None:
     with chdir(tmp_path):
         assert run_page(page) == LEFT_OUT.get(at(page), [])
@@ -152,7 +152,8 @@ def run_here(page: Path) -> list[list[str]]:
     return [words for words in commands(page) if not left_out(at(page), words)]
 
 
-@parametrize_first(1, "page", [page for page in LISTS if run_here(page)], ids=at)
+@pytest.mark.campaign
+@pytest.mark.parametrize("page", [page for page in LISTS if run_here(page)], ids=at)
 def test_the_commands_of_other_pages_run(page: Path, place: Path) -> None:
     with chdir(place):
         for words in run_here(page):
@@ -164,7 +165,8 @@ def test_the_commands_of_other_pages_run(page: Path, place: Path) -> None:
             assert code == 0 or (code == 1 and "refused" in printed and words[1] == "sweep"), (words, printed)
 
 
-@parametrize_first(1, "name", WITH_SNIPPETS)
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", WITH_SNIPPETS)
 def test_the_snippets_of_other_pages_run(name: str, place: Path) -> None:
     with chdir(place):
         names: dict[str, object] = {}

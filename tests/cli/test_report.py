@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from portfolio import parametrize_first
 from warm_command import rths_words
 
 from rths_cli.cli import cli
@@ -208,7 +207,8 @@ def baseline(laboratory: Path) -> Path:
     return laboratory / "baseline"
 
 
-@parametrize_first(1, "pipeline", [github, gitlab])
+@pytest.mark.campaign
+@pytest.mark.parametrize("pipeline", [github, gitlab])
 def test_the_pipelines_work_as_written(pipeline, laboratory: Path, baseline: Path) -> None:
     for line, expected in pipeline():
         assert script(laboratory, f"set -e\n{line}") == expected, line

@@ -15,7 +15,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from portfolio import parametrize_first
 
 from rths_cli.errors import InputError
 from rths_cli.files.model_file import read_model, write_model
@@ -110,7 +109,8 @@ def test_a_file_that_others_read_is_read_beside_them(tmp_path: Path, kind: str) 
         reader.stdin.close()
 
 
-@parametrize_first(1, "number", ["ENOLCK", "ENOSYS", "EOPNOTSUPP"])
+@pytest.mark.campaign
+@pytest.mark.parametrize("number", ["ENOLCK", "ENOSYS", "EOPNOTSUPP"])
 def test_a_storage_without_locks_is_read_without_one(tmp_path: Path, number: str) -> None:
     """The system call that locks a file fails in the process that reads, as on such a storage."""
     import errno

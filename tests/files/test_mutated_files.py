@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 from campaigns.file_damage import Target, damaged
 from campaigns.valid_files import SHORT_RECORD
-from portfolio import parametrize_first
 from test_hdf5_safety import everything, made
 
 from rths_cli.errors import InputError
@@ -39,7 +38,8 @@ def _fail() -> None:
     os.abort()
 
 
-@parametrize_first(1, "kind", KINDS)
+@pytest.mark.campaign
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_damaged_file_is_read_or_refused_by_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from campaigns.own_chains import made_chain
 from campaigns.own_plant import Plant
 from portfolio import parametrize_first
@@ -26,8 +27,8 @@ def found(plant: Plant) -> Identification:
     return identify([loud.record], loud.info, plant.masses_kg, quiet=quiet.record)
 
 
-@parametrize_first(
-    1,
+@pytest.mark.campaign
+@pytest.mark.parametrize(
     ("plant", "table", "storeys"),
     [
         (STIFF_SERVO, (), ()),

@@ -12,7 +12,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from portfolio import parametrize_first
 from scipy import signal
 
 from rths_cli.identification.nonlinear_specimen import identify_nonlinear
@@ -97,7 +96,8 @@ def identified(*specimen: float) -> NonlinearSpecimen | None:
     return identify_nonlinear([loud], quiet, DT, MASSES, STIFFNESS, BAND_HZ)
 
 
-@parametrize_first(1, "level_m_s2", [0.25, 1.0])
+@pytest.mark.campaign
+@pytest.mark.parametrize("level_m_s2", [0.25, 1.0])
 def test_a_specimen_found_at_two_levels_moves_at_others_as_it_does(level_m_s2: float) -> None:
     found = identified(0.02, 0.1)
     assert found is not None

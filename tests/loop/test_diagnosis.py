@@ -21,7 +21,7 @@ LOOSE = replace(faulty.bench_info(), limits=replace(faulty.bench_info().limits, 
 
 
 @parametrize_first(
-    1,
+    3,
     ("kind", "said"),
     [
         (

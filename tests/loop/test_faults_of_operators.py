@@ -14,6 +14,7 @@ import faulty
 import numpy as np
 import pytest
 from faulty import FaultyRig, bench_info
+from portfolio import parametrize_first
 
 from rths_cli.loop import guard as g
 from rths_cli.loop import realtime_run as performance
@@ -69,7 +70,8 @@ def performed_with_signals(*numbers: int) -> tuple[FaultyRig, Performance, Perfo
     return rig, run, perform_watched(rig, run, lambda _: None)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    2,
     ("numbers", "reason"),
     [
         ((signal.SIGINT,), g.INTERRUPT),

@@ -27,6 +27,8 @@ from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.interface import Commands
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
+pytestmark = pytest.mark.campaign
+
 STEPS = 1500
 ONE = ideal_info()
 TWO = replace(ONE, channels=ONE.channels * 2, actuators=2)
@@ -135,7 +137,6 @@ def test_two_tables_in_one_run_are_two_runs() -> None:
     assert np.abs(pair.log.command_v[0] - pair.log.command_v[1]).max() > 1e-4
 
 
-@pytest.mark.campaign
 def test_they_are_in_real_time_too() -> None:
     """The loop that is exchanged with from Python, with its ramp-up and its way to rest."""
     designs, drive = [of_storey(22.163), of_storey(40.0)], ground(200)

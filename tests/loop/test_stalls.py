@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from portfolio import parametrize_first
 from stalling import Laboratory, laboratory_of, logged
 
 from rths_cli.loop.bumpless_transfer import OFF_V
 from rths_cli.loop.guard import END
 from rths_cli.loop.realtime_run import Performance
+
+pytestmark = pytest.mark.campaign
 
 RECORD = 20_000  # samples: 20 s of El Centro, its strong part
 STALLED_AT = 1000 + np.array([2_113, 4_871, 7_490, 11_006])  # after the ramp
@@ -25,7 +26,7 @@ def calm(laboratory: Laboratory) -> Performance:
     return laboratory.run(STALLED_AT, 0)[0]
 
 
-@parametrize_first(1, "length", [1, 7, 18, 30, 50])
+@pytest.mark.parametrize("length", [1, 7, 18, 30, 50])
 def test_a_stall_within_the_time_foreseen_costs_next_to_no_accuracy(
     laboratory: Laboratory, calm: Performance, length: int
 ) -> None:

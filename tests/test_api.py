@@ -77,7 +77,6 @@ def test_the_import_is_lazy_and_every_public_name_is_there() -> None:
         rths_cli.frobnicate  # noqa: B018
 
 
-@pytest.mark.campaign
 def test_every_snippet_of_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}

@@ -133,7 +133,8 @@ def test_a_table_without_friction_is_found_to_half_a_thousandth_at_1_khz() -> No
     assert kept.best.coupling_hz == 0.0
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     "stiffness, ratios, seed",
     [
         ((900.0, 600.0, 500.0), (0.0023, 0.0024, 0.0048), 0),  # the raw response shows the first pole without damping

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from portfolio import parametrize_first
 from smooth_way import smooth_way
 
 from rths_cli.experiment.serve_command import describe, make_table
@@ -82,7 +81,8 @@ def held(door: Door, table: Table, intervals: int) -> Array:
     return intervals_of[:, 0]
 
 
-@parametrize_first(1, "spacing", [1, 3])
+@pytest.mark.campaign
+@pytest.mark.parametrize("spacing", [1, 3])
 def test_it_goes_smoothly_from_point_to_point_then_holds(door: Door, table: Table, spacing: int) -> None:
     points = (1.05, 1.15, 1.1, 0.9)
     command(door, table, 1.0, points, spacing)

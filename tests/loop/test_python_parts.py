@@ -94,6 +94,7 @@ def test_a_model_starts_anew_in_each_run() -> None:
     assert (first == second).all() and np.ptp(first) > 0.01
 
 
+@pytest.mark.campaign
 def test_the_calls_of_an_earlier_step_stay_callable() -> None:
     """Compiled code knows their addresses only: a second step of the same design must not free them."""
     blocks = linear_blocks()

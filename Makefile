@@ -6,8 +6,9 @@ ifdef VIRTUAL_ENV
 VENV := $(VIRTUAL_ENV)
 endif
 BIN := $(VENV)/bin
-# One test process more than processors: some tests wait for a table in real time, and another one computes meanwhile.
-WORKERS ?= $(shell expr $$(env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc 2>/dev/null || sysctl -n hw.ncpu) + 1)
+# Each test process collects all tests and loads all code, half a minute of a processor: as many as processors.
+WORKERS ?= $(shell env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc 2>/dev/null || sysctl -n hw.ncpu)
+PYTEST := $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 RUN_STAMP := $(VENV)/.rths-run
 DEV_STAMP := $(VENV)/.rths-dev
 DOCS_STAMP := $(VENV)/.rths-docs
@@ -18,7 +19,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no
 TRANSLATE := $(BIN)/python -m compileall -qq -j 0 -x 'site-packages/.*/tests?/' $(VENV)/lib rths_cli || true
 CASES := $(foreach r,el_centro hachinohe,$(foreach d,low high,$(foreach c,ff ff_fb,configs/$(r)_$(d)_$(c).yaml)))
 
-.PHONY: help run test processors check bench docs dist clean
+.PHONY: help run test campaign processors check bench docs dist clean
 
 help: ## show this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
@@ -28,8 +29,11 @@ run: $(RUN_STAMP) ## install, run the paper's eight cases, print its tables besi
 	@echo
 	@echo "To call rths yourself: source $(BIN)/activate, then for example: rths run configs/el_centro_low_ff_fb.yaml"
 
-test: $(DEV_STAMP) ## install with the test tools and run the tests
-	@$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal tests
+test: $(DEV_STAMP) ## install with the test tools and run the tests (minutes)
+	@$(PYTEST) -m "not campaign" tests
+
+campaign: $(DEV_STAMP) ## all tests, with long sweeps, every page and short forms of the campaigns (an hour)
+	@$(PYTEST) tests
 
 processors: $(DEV_STAMP) ## run the tests as generic x86-64, Haswell, Skylake with AVX-512 and Zen would
 	@$(BIN)/python benchmarks/processors.py -n $(WORKERS) tests

@@ -7,12 +7,12 @@ Ratios are RMS errors against SIM over those of SIM-DELAY (5 ms), test band, as 
 
 from __future__ import annotations
 
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from options import arguments, parsed
 
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.analysis.sim import simulate
@@ -217,10 +217,12 @@ def changed(pool: ProcessPoolExecutor) -> None:
 
 def main() -> None:
     """Print the sections named, or all."""
-    start = time.monotonic()
+    parser = arguments(__doc__)
+    parser.add_argument("sections", nargs="*")
+    asked, start = parsed(parser), time.monotonic()
     sections = {"seeds": seeds, "friction": friction, "sampling": sampling, "table": table, "changed": changed}
     with ProcessPoolExecutor(PROCESSES) as pool:
-        for name in sys.argv[1:] or sections:
+        for name in asked.sections or sections:
             sections[name](pool)
     print(f"{time.monotonic() - start:.0f} s")
 

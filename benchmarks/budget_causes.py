@@ -15,12 +15,19 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.budget_causes import CAUSES, named_causes
+from options import arguments, parsed
 
 from rths_cli.experiment.model_choice import Memory
 
+SHORT = ("13 bits",)
+PRINTS = "of 1 not named"  # the short form at its end
 
-def main(names: list[str]) -> int:
+
+def main() -> int:
     """Play the runs and print their table; return the exit code."""
+    parser = arguments(__doc__)
+    parser.add_argument("names", nargs="*", help="of causes; default: all")
+    names = parsed(parser, SHORT).names
     memory, wrong = Memory(), 0
     print(f"{'switched on':<30}{'error':>7}  named  by the budget", flush=True)
     for name in names or list(CAUSES):
@@ -34,4 +41,4 @@ def main(names: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

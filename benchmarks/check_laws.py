@@ -1,6 +1,6 @@
 """Does the check tell the truth of buildings that yield? Check and play random ones, whatever the verdict.
 
-    python benchmarks/check_laws.py [FIRST_SEED] [COUNT] [KEY=VALUE]...
+    python benchmarks/check_laws.py [--seed N] [--count N] [--set KEY=VALUE ...]
 
 Rigs, buildings and records are those of `preflight.py`; each computed storey has a law with a probability of 0.7.
 KEY=VALUE are settings of the cases with method `best` and a feedforward. Printed: verdict against outcome, every
@@ -9,7 +9,6 @@ contradiction, and how far the predicted errors are from the measured ones.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -18,6 +17,7 @@ from functools import partial
 
 import numpy as np
 import random_tests
+from options import arguments, parsed
 
 from rths_cli.analysis.metrics import error_figures, rms
 from rths_cli.analysis.references import reference_of
@@ -32,6 +32,9 @@ from rths_cli.experiment.run_signals import on_record_clock, whole_building
 from rths_cli.experiment.setup import Setup
 from rths_cli.numerics.lti import Array
 from rths_cli.structure import storey_values
+
+SHORT = ("--count", "1")
+PRINTS = "^1 tests drawn"  # the short form at its end
 
 FIRST_SEED, COUNT, PROCESSES = 9000, 30, 1
 FACTOR = 2.0
@@ -174,11 +177,12 @@ def summary(rows: list[Row]) -> Iterator[str]:
 
 def main() -> None:
     """Print each test and the summary."""
-    first = int(sys.argv[1]) if len(sys.argv) > 1 else FIRST_SEED
-    count = int(sys.argv[2]) if len(sys.argv) > 2 else COUNT
-    rows, settings = [], tuple(sys.argv[3:])
+    parser = arguments(__doc__, FIRST_SEED, COUNT)
+    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE")
+    asked = parsed(parser, SHORT)
+    rows, settings = [], tuple(asked.set)
     with ProcessPoolExecutor(PROCESSES) as pool:
-        for row in pool.map(partial(tested, settings=settings), range(first, first + count)):
+        for row in pool.map(partial(tested, settings=settings), range(asked.seed, asked.seed + asked.count)):
             rows.append(row)
             ratio = f"{row.worst:5.2f}" if row.measured.size and not row.stopped and row.predicted.size else "  -  "
             why = row.refused or row.stopped or "; ".join(row.reasons)

@@ -1,6 +1,6 @@
 """Is a test safe that the check calls so, when its specimen yields or loses stiffness after the identification?
 
-    python benchmarks/check_specimens.py [FIRST_SEED] [COUNT]
+    python benchmarks/check_specimens.py [--seed N] [--count N]
 
 Rigs, buildings and records are those of `preflight.py`, controllers with feedforward, method `best`. After the
 identification the specimen has 0.5 to 1 of its stiffness, or its storeys yield at 1/1.2 to 1/6 of their linear peak
@@ -12,12 +12,12 @@ is.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import random_tests
+from options import arguments, parsed
 
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.references import reference_of
@@ -32,6 +32,8 @@ from rths_cli.experiment.setup import Setup
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.from_case import true_building
+
+SHORT = ("--count", "1")
 
 FIRST_SEED, COUNT = 11000, 200
 RANGE = 0.5, 1.0  # of the specimen's stiffness
@@ -135,8 +137,8 @@ def summary(rows: list[tuple[Outcome, ...]]) -> Iterator[str]:
 
 def main() -> None:
     """Print each test and the summary."""
-    first = int(sys.argv[1]) if len(sys.argv) > 1 else FIRST_SEED
-    count = int(sys.argv[2]) if len(sys.argv) > 2 else COUNT
+    asked = parsed(arguments(__doc__, FIRST_SEED, COUNT), SHORT)
+    first, count = asked.seed, asked.count
     rows = []
     for seed in range(first, first + count):
         about, found, why = tested(seed)

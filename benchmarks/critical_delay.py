@@ -1,19 +1,22 @@
 """Critical delay of 20 random buildings: by the eigenvalues of the loop, and by bisection of SIM-DELAY in time.
 
-python benchmarks/critical_delay.py [FIRST_SEED] [COUNT]
+python benchmarks/critical_delay.py [--seed N] [--count N]
 """
 
 from __future__ import annotations
 
 import math
-import sys
 import time
 
 import numpy as np
+from options import arguments, parsed
 
 from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.structure import Building, Numerical, Specimen, assemble, modal_damping_matrix, storey_matrix
+
+SHORT = ("--count", "1")
+PRINTS = "of 1 buildings"  # the short form at its end
 
 SAMPLES, EARLY, LATE = 60_000, slice(20_000, 30_000), slice(50_000, 60_000)
 BRACKET, BISECTIONS = 0.02, 6
@@ -53,8 +56,8 @@ def in_time(made: Building, near_s: float, frequency_hz: float) -> float:
 
 
 def main() -> None:
-    first = int(sys.argv[1]) if len(sys.argv) > 1 else 0
-    count = int(sys.argv[2]) if len(sys.argv) > 2 else 20
+    asked = parsed(arguments(__doc__, 0, 20), SHORT)
+    first, count = asked.seed, asked.count
     print("seed  storeys  interface mass  lost at (Hz)  eigenvalues (ms)  in time (ms)  difference (%)")
     worst, start = 0.0, time.time()
     for seed in range(first, first + count):

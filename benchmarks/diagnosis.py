@@ -11,7 +11,6 @@ said but not refused, and who was accused wrongly.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections import Counter
@@ -19,6 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.own_chains import Chain, Fault, drawn_fault, drawn_plant, injected, made_chain
@@ -27,6 +27,8 @@ from rths_cli.identification import channel_responses
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.frequency_response import estimate
 from rths_cli.identification.inputs import IdentificationSettings, evidence
+
+SHORT = ("--count", "3")
 
 RATES_HZ, BITS = (500.0, 1000.0, 2000.0), (12, 14, 16, 18)
 NOISE_M_S2 = (1e-4, 2e-3)
@@ -102,11 +104,11 @@ def rows_of(seed: int) -> list[Row]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--output", type=Path)
-    options = parser.parse_args()
+    options = parsed(parser, SHORT)
     tally: dict[str, Counter[str]] = {}
     for seed in range(options.seed, options.seed + options.count):
         for row in rows_of(seed):

@@ -7,17 +7,19 @@ Each run draws case, rate, length (5 to 300 ms), number and kind of the gaps. De
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "helpers"))
 
 from disturbed_runs import Disturbed
 from freezing import MODES, freezing_of
 from stalling import MEMORY
+
+SHORT = ("--runs", "1")
 
 CASES = ("el_centro_low_ff_fb", "hachinohe_high_ff_fb", "el_centro_high_ff")
 RATES_HZ = (500, 1000, 2000)
@@ -27,10 +29,10 @@ KINDS = ("holds", "goes on", "answers lost", "approaches")  # physics do not pau
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--runs", type=int, default=100)
     parser.add_argument("--seed", type=int, default=44)
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     random, laboratories = np.random.default_rng(asked.seed), dict[tuple[str, int], Disturbed]()
     drawn = []
     for _ in range(asked.runs):

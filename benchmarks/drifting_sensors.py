@@ -1,6 +1,6 @@
 """Runs on drifting sensors: are the errors in the file those of the true floors, and are the channels named?
 
-    python benchmarks/drifting_sensors.py [RUNS] [FIRST_SEED]
+    python benchmarks/drifting_sensors.py [--count N] [--seed N]
 
 Each run draws a record, a corner of the AC coupling, a sample rate, a channel, and an offset of 5 mV, a drift of 0.5 to
 5 mV/min or jumps of 5 mV at random instants of that channel, sometimes of another one too; every fourth run is healthy.
@@ -13,10 +13,10 @@ size is wrong by more than 10 %.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.drifting_sensor_runs import Added, faults, in_mm_s2, nothing, played
@@ -24,6 +24,9 @@ from campaigns.drifting_sensor_runs import Added, faults, in_mm_s2, nothing, pla
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.setup import make_setup
+
+SHORT = ("--count", "1")
+PRINTS = "of 1 runs failed"  # the short form at its end
 
 RECORDS, CORNERS_HZ, RATES_HZ = ("el_centro", "hachinohe"), (0.024, 0.05, 0.1, 0.3), (500, 1000, 2000)
 JUMP_V, OFFSET_V, DRIFTS_V_PER_MIN = 5e-3, 5e-3, (0.5e-3, 5e-3)
@@ -42,9 +45,10 @@ def draw(random: np.random.Generator, channels: int, record_s: float) -> Added:
     return Added(offset, drift, tuple(jumps))
 
 
-def main(arguments: Sequence[str]) -> int:
+def main() -> int:
     """Play the runs and print one line for each, then how many failed."""
-    runs, first = (int(arguments[i]) if len(arguments) > i else (48, 1)[i] for i in range(2))
+    asked = parsed(arguments(__doc__, seed=1, count=48), SHORT)
+    runs, first = asked.count, asked.seed
     memory, failed = Memory(), 0
     for seed in range(first, first + runs):
         random = np.random.default_rng(seed)
@@ -74,4 +78,4 @@ def main(arguments: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
+    raise SystemExit(main())

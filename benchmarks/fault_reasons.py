@@ -12,7 +12,6 @@ Exit code 1 when one reason is false. A fault that stops nothing is counted apar
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 TREE = Path(__file__).parents[1]
 sys.path[:0] = [str(TREE), str(TREE / "tests" / "helpers")]
@@ -31,6 +31,9 @@ from freezing import HOLDS, PAUSED, Freezing, freezing_of, told  # noqa: E402
 from told_causes import FAILED, LINK, verdict  # noqa: E402
 
 from rths_cli.loop.guard import END, LOST, NONE  # noqa: E402
+
+SHORT = ("1", "--kind", "stuck")
+PRINTS = "^all "  # the short form at its end
 
 RECORD, RATE_HZ = 8_000, 1_000
 FREEZES_MS = (22, 34, 50, 100)
@@ -90,13 +93,13 @@ def line(name: str, counts: Counter[str]) -> str:
 
 def main() -> int:
     """Print a line per kind; return 1 when one reason is false."""
-    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    asked = arguments(__doc__)
     asked.add_argument("runs", nargs="?", type=int, default=20)
     asked.add_argument("--seed", type=int, default=0)
     asked.add_argument("--amplitude", type=float, default=1.0)
     asked.add_argument("--kind", default="", help="only kinds whose name holds this")
     asked.add_argument("--workers", type=int, default=1)
-    words = asked.parse_args()
+    words = parsed(asked, SHORT)
     total: Counter[str] = Counter()
     print(f"{'kind':52} {'true':>5} {'group':>6} {'false':>6} {NOT_STOPPED:>12} {TOO_EARLY:>10}")
     for name, found in played(words.runs, words.seed, words.amplitude, words.kind, words.workers):

@@ -10,7 +10,6 @@ Exit code 1 when one run broke a limit, left its table moving, or told another r
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import shutil
@@ -26,6 +25,10 @@ from pathlib import Path
 from queue import SimpleQueue
 
 import numpy as np
+from options import arguments, parsed
+
+SHORT = ("1", "--only", "runs", "--kind", "stuck")
+PRINTS = r"\d+ s$"  # the short form at its end
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE / "faults"), str(HERE.parent / "tests" / "helpers")]
@@ -275,13 +278,13 @@ def played(kinds: list[str], runs: int, seed: int, workers: int) -> list[Row]:
 
 def main() -> int:
     """Inject what is asked for; return 1 when one run was not as it must be."""
-    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    asked = arguments(__doc__)
     asked.add_argument("runs", nargs="?", type=int, default=20)
     asked.add_argument("--seed", type=int, default=0)
     asked.add_argument("--kind", default="", help="only kinds whose name holds this")
     asked.add_argument("--only", choices=("runs", "processes"))
     asked.add_argument("--workers", type=int, default=1, help="runs of processes at a time")
-    words = asked.parse_args()
+    words = parsed(asked, SHORT)
     good, started = True, time.monotonic()
     if words.only != "processes":
         import faulty

@@ -10,23 +10,25 @@ ratio, measured over SIM's RMS, and the true error over the bound that is stated
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.few_bits import Row, laboratory, summary
+from options import arguments, parsed
+
+SHORT = ("--laboratories", "1")
 
 WITHIN, ABOVE = 0.9, 0.1  # demanded shares
 
 
 def main() -> int:
     """Play the tests and print their table; return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--laboratories", type=int, default=12)
-    parser.add_argument("--first", type=int, default=0, help="number of the first laboratory")
-    asked = parser.parse_args()
+    parser.add_argument("--seed", "--first", dest="first", type=int, default=0, help="number of the first laboratory")
+    asked = parsed(parser, SHORT)
     rows: list[Row] = []
     print(f"{'predicted':>9} {'measured':>9} {'ratio':>6} {'of SIM':>7} {'true/bound':>10}")
     with tempfile.TemporaryDirectory() as folder:

@@ -12,12 +12,12 @@ storeys; the error of the calm run, which is not of the freeze, is added to the 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 TREE = Path(__file__).parents[1]
 sys.path[:0] = [str(TREE), str(TREE / "tests" / "helpers")]
@@ -26,6 +26,9 @@ from freezing import APPROACHES, GOES_ON, HOLDS, Freezing, freezing_of, ideal_er
 
 from rths_cli.loop.guard import END  # noqa: E402
 from rths_cli.numerics.lti import Array  # noqa: E402
+
+SHORT = ("--instants", "1", "--rates", "500", "--ms", "5", "--targets", "holds")
+PRINTS = "500 Hz holds"  # the short form at its end
 
 RECORD_S, RAMP_S, FIRST_S, LAST_S = 8.0, 1.0, 1.5, 6.0
 # the time by which the table follows its command: 2 z / w of its loop and the time constant of its force; its settings
@@ -49,13 +52,13 @@ def ratios_of(laboratory: Freezing, at: int, ms: float, mode: int, calm: Array, 
 
 def main() -> None:
     """Print a line for each table, rate, target and length."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--instants", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rates", type=int, nargs="+", default=[500, 1000])
     parser.add_argument("--ms", type=float, nargs="+", default=[5, 10, 20, 34, 50, 100, 200, 300])
     parser.add_argument("--targets", nargs="+", choices=[*TARGETS], default=[*TARGETS])
-    options = parser.parse_args()
+    options = parsed(parser, SHORT)
     print("ratio to the ideal table: all storeys (median, largest), worst storey (largest)")
     for name, (lag_s, settings) in TABLES.items():
         for rate in options.rates:

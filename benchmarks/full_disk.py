@@ -1,4 +1,4 @@
-"""Fill the disk at random instants of a command: python benchmarks/full_disk.py [COUNT] [SEED] [--json].
+"""Fill the disk at random instants of a command: python benchmarks/full_disk.py [--count N] [--seed N] [--json].
 
 Every command that writes works in a small file system of its own (a tmpfs, which root may mount), and a filler takes
 all that is left of it at a random instant; in half of the trials it gives the space back after a moment. Demanded of
@@ -22,10 +22,15 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from options import arguments, parsed
+
 from rths_cli.errors import InputError
 from rths_cli.files.model_file import read_model
 from rths_cli.files.result_reader import read_result
 from rths_cli.files.sweep_file import read_sweep
+
+SHORT = ("--count", "2")
+PRINTS = "^2 trials, .* 0 failed"  # the short form at its end
 
 CASES = ("el_centro_low_ff_fb", "el_centro_high_ff", "hachinohe_low_ff")
 SIZE_MB = 220  # of the file system: what rths run wants to find free for three cases, and little more
@@ -48,15 +53,16 @@ class Trial:
     faults: tuple[str, ...]
 
 
-def main(arguments: Sequence[str]) -> int:
+def main() -> int:
     """Run the trials, print a line for each, return 1 where one failed."""
-    numbers = [int(text) for text in arguments if text.isdigit()]
-    count, seed = (*numbers, *(50, 15)[len(numbers) :])[:2]
-    rng = random.Random(seed)
+    parser = arguments(__doc__, seed=15, count=50)
+    parser.add_argument("--json", action="store_true")
+    asked = parsed(parser, SHORT)
+    rng = random.Random(asked.seed)
     with tempfile.TemporaryDirectory(prefix="rths-full-disk-") as name, small_disk(Path(name) / "disk") as disk:
-        trials = run_all(count, rng, Path(name), disk, "--json" in arguments)
+        trials = run_all(asked.count, rng, Path(name), disk, asked.json)
     failed = [trial for trial in trials if trial.faults]
-    if "--json" in arguments:
+    if asked.json:
         print(json.dumps([asdict(trial) for trial in trials], indent=2))
     else:
         met = sum(trial.code != 0 for trial in trials)
@@ -85,9 +91,9 @@ def run_all(count: int, rng: random.Random, home: Path, disk: Path, silent: bool
     return trials
 
 
-def rths(*arguments: str) -> list[str]:
+def rths(*words: str) -> list[str]:
     """Return the command line of this rths."""
-    return [sys.executable, "-m", "rths_cli", *arguments]
+    return [sys.executable, "-m", "rths_cli", *words]
 
 
 def lines(results: Path, disk: Path) -> dict[str, list[str]]:
@@ -200,4 +206,4 @@ def small_disk(place: Path) -> Iterator[Path]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -1,13 +1,13 @@
 """Give every option and argument what nobody means.
 
-python benchmarks/hostile_options.py [COUNT] [SEED] [--command NAME]
+python benchmarks/hostile_options.py [--count N] [--seed N] [--command NAME]
 
 Options and arguments are those of the commands themselves, and the keys of --set those of docs/reference/case.md. Each
 is tried with empty, wrong, huge and non-finite values, control characters, bytes that are no text, names of 300
 characters, 1,200 dots, pipes, devices, circles of links and removed folders, beside what the command needs otherwise.
 Every trial is a process of its own in a folder of its own. Demanded: exit code 0, 1 or 2 (4 where a link is tried), no
 traceback, no control character on the screen, 1 GB, and 5 s of the processor more than the command takes otherwise;
-after code 2 nothing is left in the folder. COUNT 0, the default, tries all.
+after code 2 nothing is left in the folder. --count 0, the default, tries all.
 """
 
 from __future__ import annotations
@@ -17,28 +17,31 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns import command_trials, valid_files
 from campaigns.option_trials import NEEDED, QUICK, Trial, folder_with, shown, trials, tried
 from campaigns.valid_files import CASE, RECORDED, SHORT_RECORD
+from options import arguments, parsed
 
 import rths_cli
+
+SHORT = ("--count", "5")
+PRINTS = "^5 trials, 0 failed"  # the short form at its end
 
 USUAL: dict[tuple[str, str], tuple[str, ...]] = {("report", "--figures"): ("--figures", "figures")}
 """With what an option is compared that lets its command work for long."""
 
 
-def main(arguments: Sequence[str]) -> int:
+def main() -> int:
     """Try as many values as asked; return 1 where a demand was not met."""
-    numbers = [int(text) for text in arguments if text.isdigit()]
-    count, seed = (*numbers, *(0, 15)[len(numbers) :])[:2]
-    only = dict(pairwise(arguments)).get("--command")
-    chosen = [one for one in trials() if only in (None, one.command)]
-    if count:
-        chosen = random.Random(seed).sample(chosen, min(count, len(chosen)))
+    parser = arguments(__doc__, seed=15, count=0)
+    parser.add_argument("--command", help="options of one command")
+    asked = parsed(parser, SHORT)
+    chosen = [one for one in trials() if asked.command in (None, one.command)]
+    if asked.count:
+        chosen = random.Random(asked.seed).sample(chosen, min(asked.count, len(chosen)))
     with tempfile.TemporaryDirectory(prefix="rths-options-") as name:
         rths_cli.check(CASE)  # what every command compiles and imports is there before the copies are made
         files = make_files(Path(name) / "valid")
@@ -97,4 +100,4 @@ def usual_seconds(work: Path, files: dict[str, Path], name: str, line: tuple[str
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from options import arguments, parsed
+
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.excitation_plan import plan
 from rths_cli.experiment.identify_on_rig import excite, identify
@@ -20,6 +22,7 @@ def setup_with(*settings: str) -> Setup:
 
 def main() -> None:
     """Print |model / FRF - 1| against plain Hann H1 of the second record, leakage of that estimate included."""
+    parsed(arguments(__doc__))
     other = setup_with(f"identification.seed={OTHER_SEED}", f"identification.duration_s={OTHER_DURATION_S}")
     planned = plan(other)
     record = Record(*excite(other, planned.command_v), planned.parts)

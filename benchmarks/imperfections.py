@@ -16,7 +16,6 @@ laboratories; refused tests are run all the same.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -24,6 +23,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import RthsError
@@ -32,6 +32,8 @@ from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result
 from rths_cli.numerics.shared_values import SharedValues
+
+SHORT = ("--case", "el_centro_low_ff_fb", "--laboratories", "1")
 
 PITCH = "pitch.storey_height_m=0.2"
 ALONE: dict[str, tuple[str, ...]] = {
@@ -176,12 +178,12 @@ def _quantile(column: Sequence[Found], level: float) -> Found:
 
 def main() -> int:
     """Run the cases and print their tables; return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("names", nargs="*")
     parser.add_argument("--case", nargs="+", default=CASES)
     parser.add_argument("--laboratories", type=int)
     parser.add_argument("--set", nargs="+", default=[], metavar="KEY=VALUE")
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     whole = not asked.names and asked.laboratories is None
     for case in asked.case:
         print(f"\n{case}\n\n| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}", flush=True)

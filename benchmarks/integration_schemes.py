@@ -11,18 +11,20 @@ Earthquake Eng. Struct. Dyn. 43(9), 2014; Newmark, J. Eng. Mech. Div. 85(EM3), 1
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from options import arguments, parsed
 from scipy.linalg import expm
 
 from rths_cli.analysis.references import reference_of
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.setup import make_setup
 from rths_cli.numerics.lti import Array
+
+SHORT = ("--seconds", "0.5")
 
 STIFFNESS, YIELD_M, HARDENING = 7353.98, 0.002, 0.05
 GAP_M, CONTACT, CUBIC = 0.003, 7000.0, 2e8
@@ -253,9 +255,9 @@ def limit(name: str, dt: float, most: float = 1e7) -> float:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--seconds", type=float, default=20.0)
-    seconds = parser.parse_args().seconds
+    seconds = parsed(parser, SHORT).seconds
     print(f"{'law':<10}{'step ms':>8}" + "".join(f"{name:>18}" for name in SCHEMES))
     for law in LAWS:
         for dt in STEPS_S:

@@ -5,7 +5,6 @@ python benchmarks/jitter.py [--seconds 10] [--turns 1] [--rate 1000 --rate 4000]
 
 from __future__ import annotations
 
-import argparse
 import os
 import platform
 import shutil
@@ -13,8 +12,11 @@ import subprocess
 
 import numpy as np
 from numpy.typing import NDArray
+from options import arguments, parsed
 
 from rths_cli.loop.scheduling import PRIORITY, real_time, wake_up_delays
+
+SHORT = ("--seconds", "0.2", "--rate", "1000")
 
 Delays = NDArray[np.float64]  # (n,) in us
 QUANTILES = (50.0, 99.0, 99.9, 100.0)
@@ -64,11 +66,11 @@ def compare(rate_hz: float, seconds: float, turns: int) -> None:
 
 def main() -> None:
     """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--seconds", type=float, default=10.0, help="of each measurement [10]")
     parser.add_argument("--turns", type=int, default=1, help="[1]")
     parser.add_argument("--rate", type=float, action="append", help="in Hz, repeatable [1000 and 4000]")
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     print(f"{platform.node()}, kernel {platform.release()}, {len(os.sched_getaffinity(0))} processors")
     if not shutil.which("cyclictest"):
         print("cyclictest is not installed (package rt-tests): ours alone")

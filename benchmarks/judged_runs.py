@@ -9,7 +9,6 @@ Refused runs are played as well: at most a tenth of those that would run may be 
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -22,6 +21,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.judged_run_trials import Moved, Trial, tried
+from options import arguments, parsed
+
+SHORT = ("--count", "1")
 
 
 def line(trial: Trial) -> str:
@@ -59,12 +61,12 @@ def summary(trials: Sequence[Trial]) -> Iterator[str]:
 
 def main() -> None:
     """Print every test and the summary."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--seed", type=int, default=1, help="of the first test")
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--output", type=Path, help="a line of JSON for each test")
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     trials = []
     with tempfile.TemporaryDirectory() as name, ProcessPoolExecutor(asked.jobs) as pool:
         for trial in pool.map(partial(tried, folder=Path(name)), range(asked.seed, asked.seed + asked.count)):

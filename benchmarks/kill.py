@@ -1,4 +1,4 @@
-"""Kill a run with SIGKILL at random instants, and see what is left: python benchmarks/kill.py [COUNT] [SEED] [--json].
+"""Kill a run with SIGKILL at random instants, and see what is left.
 
 The run does to the disk what a real-time run does: space for the log, the result as far as it is known, a thread that
 streams what a 1 kHz loop notes, then the whole result, and the log removed. Its samples are made up, so that what comes
@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from options import arguments, parsed
 
 from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.experiment import result_contents
@@ -29,6 +30,9 @@ from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.raw_log import SUFFIX, RawHeader, RawLogWriter, raw_log_path, still_in
 from rths_cli.files.result_reader import ResultWriter, read_result, read_series
 from rths_cli.loop.raw_log_stream import LogStream
+
+SHORT = ("--count", "2")
+PRINTS = "^2 runs killed"  # the short form at its end
 
 CASE = "el_centro_low_ff_fb"
 DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
@@ -59,14 +63,16 @@ class Trial:
 
 def main() -> int:
     """Run the trials and print what came of them; return 1 when one left a fault."""
-    numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
-    count, seed = (*numbers, *(100, 0)[len(numbers) :])
+    parser = arguments(__doc__, seed=0, count=100)
+    parser.add_argument("--json", action="store_true")
+    asked = parsed(parser, SHORT)
+    count = asked.count
     setup = make_setup(load_cases([CASE], [f"sample_rate_hz={1 / DT_S:g}"])[0])
-    noise = np.random.default_rng(seed)
+    noise = np.random.default_rng(asked.seed)
     trials = [
         trial for first in range(0, count, TOGETHER) for trial in _trials(setup, noise, min(TOGETHER, count - first))
     ]
-    _show(trials)
+    _show(trials, asked.json)
     return int(any(trial.fault or trial.lost_s > MOST_LOST_S for trial in trials))
 
 
@@ -174,9 +180,9 @@ def _came_back(result: Path) -> int:
     return back
 
 
-def _show(trials: list[Trial]) -> None:
+def _show(trials: list[Trial], as_json: bool) -> None:
     """Print the trials as JSON, or what they say in sum."""
-    if "--json" in sys.argv:
+    if as_json:
         print(json.dumps([asdict(trial) for trial in trials]))
         return
     lost = np.array([1e3 * trial.lost_s for trial in trials if trial.done])

@@ -15,7 +15,6 @@ its exact solution by scipy.signal.lsim.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -25,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from options import arguments, parsed
 from scipy.signal import StateSpace, lsim
 from scipy.stats import kstest
 
@@ -40,6 +40,8 @@ from rths_cli.files.result_reader import read_result
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.from_case import true_values, true_values_of_run
+
+SHORT = ("lines.jsonl", "--count", "1")
 
 GAIN, MASS = 0.01, 0.003  # spreads of aps400_laboratory
 FURTHER = (
@@ -234,16 +236,16 @@ def _kind(line: Mapping[str, Any]) -> tuple[str, str, float]:
 
 def main() -> int:
     """Play or tell; return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--summary", action="store_true")
     parser.add_argument("--case", default="el_centro_low_ff_fb")
-    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seed", "--first", dest="first", type=int, default=0)
     parser.add_argument("--count", type=int, default=30)
     parser.add_argument("--sensors", choices=("accelerometers", "all"), default="accelerometers")
     parser.add_argument("--spread", type=float, default=1.0)
     parser.add_argument("--set", nargs="+", default=[], metavar="KEY=VALUE")
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     kept = [json.loads(text) for path in asked.files if path.exists() for text in path.read_text().splitlines()]
     if not asked.summary:
         done = {(line["case"], line["number"], line["sensors"], line["spread"]) for line in kept}

@@ -19,7 +19,6 @@ are 1.5 times the range of twenty.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from options import arguments, parsed
 from scipy.optimize import linear_sum_assignment
 from unchanged import BARE, PAPER, rths, write_case
 
@@ -70,7 +70,7 @@ class Difference:
 
 def main() -> int:
     """Record or compare."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     record_parser = commands.add_parser("record")
     record_parser.add_argument("folder", type=Path)
@@ -80,7 +80,7 @@ def main() -> int:
     compare_parser = commands.add_parser("compare")
     compare_parser.add_argument("before", type=Path)
     compare_parser.add_argument("after", type=Path)
-    given = parser.parse_args()
+    given = parsed(parser)
     if given.command == "record":
         record(given.folder, (given.models or given.folder).resolve(), given.seeds, given.long)
         return 0

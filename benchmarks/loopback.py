@@ -5,7 +5,6 @@ python benchmarks/loopback.py [--rate 1000] [--case el_centro_low_ff_fb] [--runs
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -17,6 +16,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from options import arguments, parsed
 
 PORT = 47911
 RIG = """extends: udp_loopback
@@ -88,12 +88,12 @@ def compare(folder: Path, case: str, rate_hz: float, runs: int) -> None:
 
 def main() -> None:
     """Serve, compare, end the server."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--rate", type=float, default=1000.0)
     parser.add_argument("--case", default="el_centro_low_ff_fb")
     parser.add_argument("--runs", type=int, default=1)
     parser.add_argument("--keep", type=Path)
-    asked = parser.parse_args()
+    asked = parsed(parser)
     os.environ["PYTHONPATH"] = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     with tempfile.TemporaryDirectory() as made:
         folder = (asked.keep or Path(made)).absolute()

@@ -1,5 +1,4 @@
-"""Damage files of every kind and read them: python benchmarks/mutated_files.py [COUNT] [SEED] [--only N] [--keep DIR]
-[--valid DIR].
+"""Damage files of every kind and read them.
 
 Valid files (results, models, sweeps and their rows, accelerograms, recordings, models from elsewhere, raw logs) are
 damaged: bits flipped, pieces cut, doubled or zeroed, headers and names edited, attributes and datasets of other types
@@ -19,15 +18,18 @@ import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.command_trials import in_a_process, in_a_process_slow, judged
 from campaigns.file_damage import Target, damaged
 from campaigns.valid_files import CASE, make_targets
+from options import arguments, parsed
 
 import rths_cli
+
+SHORT = ("--count", "5")
+PRINTS = "^5 files, 0 failed"  # the short form at its end
 
 REFUSING = 0.05  # share of files that are given to a command for another kind of file
 
@@ -46,21 +48,19 @@ class Outcome:
     said: str
 
 
-def main(arguments: Sequence[str]) -> int:
+def main() -> int:
     """Damage and read as many files as asked; return 1 where a demand was not met."""
-    options = dict(pairwise(arguments))
-    numbers = [int(text) for before, text in zip(("", *arguments), arguments, strict=False) if _is_count(before, text)]
-    count, seed = (*numbers, *(20_000, 15)[len(numbers) :])[:2]
-    chosen = [int(options["--only"])] if "--only" in options else range(count)
-    kept = Path(options["--keep"]).absolute() if "--keep" in options else None
+    parser = arguments(__doc__, seed=15, count=20_000)
+    parser.add_argument("--only", type=int, help="number of one file")
+    parser.add_argument("--keep", type=Path, help="folder for files that fail")
+    parser.add_argument("--valid", type=Path, help="folder of the intact files")
+    asked = parsed(parser, SHORT)
+    chosen = range(asked.count) if asked.only is None else [asked.only]
+    kept = asked.keep and asked.keep.absolute()
     with tempfile.TemporaryDirectory(prefix="rths-mutated-") as name:
-        valid = Path(options.get("--valid", f"{name}/valid")).absolute()
-        bad = run_all(Path(name), valid, seed, chosen, kept)
+        valid = (asked.valid or Path(name) / "valid").absolute()
+        bad = run_all(Path(name), valid, asked.seed, chosen, kept)
     return 1 if bad else 0
-
-
-def _is_count(before: str, text: str) -> bool:
-    return text.isdigit() and before not in ("--only", "--keep", "--valid")
 
 
 def run_all(home: Path, valid: Path, seed: int, chosen: Sequence[int], kept: Path | None) -> int:
@@ -131,4 +131,4 @@ def seconds_of_intact(work: Path, targets: Sequence[Target]) -> dict[tuple[str, 
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -16,12 +16,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from options import arguments, parsed
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result
+
+SHORT = ("bilinear",)
+PRINTS = "^bilinear .*el_centro"  # the short form at its end
 
 YIELDS = {"yield_displacement_m": 0.002, "hardening": 0.05}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -50,8 +54,11 @@ def settings(law: dict[str, Any]) -> tuple[str, ...]:
     return f"structure.numerical.law=[{{{stated}}}]", "runs=[sim, sim_delay, exp_rths]"
 
 
-def main(words: list[str]) -> int:
+def main() -> int:
     """Run the cases and print their table; return the exit code."""
+    parser = arguments(__doc__)
+    parser.add_argument("words", nargs="*", metavar="NAME|KEY=VALUE")
+    words = parsed(parser, SHORT).words
     memory, failed = Memory(), 0
     further = tuple(word for word in words if "=" in word)
     names = [word for word in words if "=" not in word]
@@ -77,4 +84,4 @@ def main(words: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

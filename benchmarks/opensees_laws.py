@@ -1,6 +1,6 @@
 """Compare SIM of storeys with laws with OpenSeesPy, whose difference must fall with its step.
 
-    python benchmarks/opensees_laws.py [COUNT]
+    python benchmarks/opensees_laws.py [--seed N] [--count N]
 
 First each law that OpenSees has in the first of two storeys, then COUNT random buildings (20) of two to four storeys,
 of which all but the highest have such a law. Needs openseespy and openseespylinux 3.7.1.2 (research and internal use
@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
-import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from options import arguments, parsed
 
 from rths_cli.analysis.nonlinear_sim import simulate_with_laws
 from rths_cli.structure import Building, Numerical, Specimen, assemble, storey_matrix
@@ -164,13 +164,14 @@ def differences(ops: Any, storeys: list[Storey], ground: np.ndarray) -> list[flo
 
 def main() -> None:
     """Print the largest difference of a displacement, of its peak, by building and step of OpenSees."""
-    ops, count = loaded(), int(sys.argv[1]) if len(sys.argv) > 1 else COUNT
+    asked = parsed(arguments(__doc__, seed=0, count=COUNT))
+    ops = loaded()
     print("step in s   ", *(f"{step:8g}" for step in STEPS_S))
     ground = record(np.random.default_rng(5))
     for name in KINDS:
         told = differences(ops, [Storey(name=name), Storey()], ground)
         print(f"{name:12}", *(f"{one:8.1e}" for one in told), flush=True)
-    for seed in range(count):
+    for seed in range(asked.seed, asked.seed + asked.count):
         storeys, ground = drawn(seed)
         told = differences(ops, storeys, ground)
         names = " + ".join(one.name for one in storeys[:-1])

@@ -10,10 +10,11 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the sources this file belongs to
+
+from options import arguments, parsed
 
 from rths_cli.report.page import write_page
 from rths_cli.report.results_by_case import load
@@ -24,10 +25,11 @@ LOADED_MS = "performance.getEntriesByType('navigation')[0].loadEventEnd"
 DRAWN = "document.querySelectorAll('.plot canvas').length"
 
 
-def main(paths: Sequence[str]) -> None:
+def main() -> None:
     """Make the page of the results named and open it at two widths."""
-    if not paths:
-        sys.exit("name result files or folders of them")
+    parser = arguments(__doc__)
+    parser.add_argument("results", nargs="+", help="result files or folders of them")
+    paths = parsed(parser).results
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "page.html"
         started, worked = time.perf_counter(), time.process_time()
@@ -64,4 +66,4 @@ def _open(page: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

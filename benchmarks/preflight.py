@@ -1,21 +1,24 @@
 """Does the pre-flight check tell the truth? Check and play random rigs and buildings, whatever the verdict.
 
-    python benchmarks/preflight.py [FIRST_SEED] [COUNT]
+    python benchmarks/preflight.py [--seed N] [--count N]
 
 Printed: verdict against outcome, every contradiction, and how far the predicted errors are from the measured ones.
 """
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
+from options import arguments, parsed
 from random_tests import Row, judged
 
 from rths_cli.numerics.lti import Array
+
+SHORT = ("--count", "1")
+PRINTS = "1 tests drawn"  # the short form at its end
 
 FIRST_SEED, COUNT, PROCESSES = 3000, 200, 2
 FACTOR = 1.5
@@ -120,9 +123,8 @@ def outside(rows: list[Row]) -> Iterator[str]:
 
 def main() -> None:
     """Print the table and its summary."""
-    start = time.monotonic()
-    first = int(sys.argv[1]) if len(sys.argv) > 1 else FIRST_SEED
-    count = int(sys.argv[2]) if len(sys.argv) > 2 else COUNT
+    asked, start = parsed(arguments(__doc__, FIRST_SEED, COUNT), SHORT), time.monotonic()
+    first, count = asked.seed, asked.count
     print(
         "storeys computed and on the table, share of the interface floor's mass on the table, damping ratio of mode 1"
     )

@@ -7,13 +7,17 @@ An instruction set that this machine lacks cannot be run: skylake-avx512 is then
 
 from __future__ import annotations
 
-import argparse
 import os
 import platform
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+
+from options import arguments, words
+
+SHORT = ("--only", "generic", "--version")
+PRINTS = "passed on each"  # the short form at its end
 
 ROOT = Path(__file__).parents[1]
 
@@ -64,9 +68,9 @@ def settings(processor: Processor) -> dict[str, str]:
 
 def main() -> int:
     """Run the tests under each processor; return how many of them failed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--only", choices=PROCESSORS, action="append", help="one processor; repeatable")
-    asked, arguments = parser.parse_known_args()
+    asked, of_pytest = parser.parse_known_args(words(parser, SHORT))
     if platform.machine() not in ("x86_64", "AMD64"):
         print("these are x86-64 processors, and this machine is none")
         return 2
@@ -76,7 +80,7 @@ def main() -> int:
         chosen = {key: value for key, value in settings(PROCESSORS[name]).items() if value or key.startswith("NUMBA")}
         print("  " + " ".join(f"{key}={value!r}" for key, value in chosen.items()), flush=True)
         done = subprocess.run(
-            [sys.executable, "-m", "pytest", *(arguments or ["tests"])], cwd=ROOT, env=os.environ | chosen, check=False
+            [sys.executable, "-m", "pytest", *(of_pytest or ["tests"])], cwd=ROOT, env=os.environ | chosen, check=False
         )
         if done.returncode:
             failed.append(name)

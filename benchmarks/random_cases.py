@@ -9,7 +9,6 @@ libraries count as failures. A refused test is run again with both overrides, wh
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -22,11 +21,15 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.random_case_draw import make_records
 from campaigns.random_case_runs import CRASHED, RAN, REFUSED, STOPPED, WARNED, Row, about, judged, legitimate
 from campaigns.random_case_truth import GOOD
+
+SHORT = ("--case", "2001")
+PRINTS = "^structure:|^# --set scaling"  # the short form at its end
 
 
 def line(row: Row) -> str:
@@ -72,13 +75,13 @@ def summary(rows: Sequence[Row]) -> Iterator[str]:
 
 def main() -> None:
     """Print every test and the summary."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--seed", type=int, default=1, help="of the first test")
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--output", type=Path, help="a line of JSON for each test")
     parser.add_argument("--case", type=int, help="print the case file of a seed and nothing else")
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     begun = time.monotonic()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

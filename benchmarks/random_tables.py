@@ -1,6 +1,6 @@
 """Tables nobody has looked at: identify 30 random virtual rigs and judge each model by what it was not fitted to.
 
-    python benchmarks/random_tables.py [FIRST_SEED]
+    python benchmarks/random_tables.py [--seed N] [--count N]
 
 Per rig: the verdict, the fit error, the error against a second record (noise, other seed, 300 s), against the plant's
 own linearisation without friction, and the specimen's errors in units of the stated uncertainty. Beside them what
@@ -9,12 +9,12 @@ others make of the same record: plain H1, and a rational fit of it by AAA and by
 
 from __future__ import annotations
 
-import sys
 import time
 import warnings
 from dataclasses import dataclass
 
 import numpy as np
+from options import arguments, parsed
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import RthsError
@@ -28,6 +28,9 @@ from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
 from rths_cli.rigs.virtual.plant import accelerations, continuous
 from rths_cli.structure import storey_matrix
+
+SHORT = ("--count", "1")
+PRINTS = "^accepted: 1 of 1"  # the short form at its end
 
 RIGS, FIRST_SEED, OTHER_SEED, OTHER_DURATION_S = 30, 1000, 77, 300
 BAND_HZ, MID_HZ = (0.7, 11.0), (2.0, 10.0)
@@ -277,7 +280,7 @@ def refused(rows: list[Row]) -> list[str]:
 def main() -> None:
     """Print the table."""
     start = time.monotonic()
-    first = int(sys.argv[1]) if len(sys.argv) > 1 else FIRST_SEED
+    asked = parsed(arguments(__doc__, FIRST_SEED, RIGS), SHORT)
     print(
         "error |model / response - 1| in 0.7-11 Hz in %, rms and largest; H1, AAA and VF (vector fitting) on the same"
     )
@@ -287,8 +290,8 @@ def main() -> None:
     print("  #    Hz ratio    kg     N ors  to Hz    rms    max    rms    max    rms    max", end="")
     print("     rms    max    rms    max    rms    max")
     rows = []
-    for number in range(RIGS):
-        rows.append(judged(first + number))
+    for number in range(asked.count):
+        rows.append(judged(asked.seed + number))
         print(line(number + 1, rows[-1]), flush=True)
     print("\n".join([*refused(rows), *summary(rows)]))
     print(f"{time.monotonic() - start:.0f} s")

@@ -9,7 +9,6 @@ times are allowed to be longer by as much as each has to wait.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -25,9 +24,12 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from options import arguments, parsed
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.range_end_cases import drawn
+
+SHORT = ("3",)
 
 MOST_S, MOST_BYTES, MOST_TERM_S = 20.0, 2**30, 1.0
 STARTED_S = 0.1  # from the process's own start to where Python can take signals
@@ -145,11 +147,11 @@ def _short(said: str) -> str:
 
 def main() -> int:
     """Run the campaign and print what it found; exit code 1 where something is wrong."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("count", nargs="?", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, help="write every case here")
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     every = []
     for seed in range(asked.seed * 1_000_000, asked.seed * 1_000_000 + asked.count):
         one = judge(seed)

@@ -7,17 +7,16 @@ Copies hold attributes, case and figures; time histories, which a report does no
 
 from __future__ import annotations
 
-import argparse
 import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import h5py
+from options import arguments, parsed
 
 FORMATS = ("text", "csv", "json", "markdown", "latex")
 
@@ -49,14 +48,14 @@ def measure(folder: Path, form: str) -> str:
     return f"{told}  {output.stat().st_size / 1e6:6.1f} MB written  exit {done.returncode}"
 
 
-def main(words: Sequence[str] | None = None) -> None:
+def main() -> None:
     """Make the copies, and report them in every format."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("results", nargs="+", type=Path)
     parser.add_argument("--files", type=int, default=1000)
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--whole", action="store_true")
-    asked = parser.parse_args(words)
+    asked = parsed(parser)
     with tempfile.TemporaryDirectory(dir=asked.folder) as made:
         for number in range(asked.files):
             source = asked.results[number % len(asked.results)]

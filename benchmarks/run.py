@@ -17,6 +17,7 @@ for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 TREE = Path(__file__).parents[1]
 sys.path[:0] = [str(TREE), str(TREE / "tests" / "helpers")]  # the sources this file belongs to
 
+from options import arguments, parsed  # noqa: E402
 from speed.machine import machine  # noqa: E402
 from speed.parts import PARTS, rows_of, shorten  # noqa: E402
 from speed.rows import Row, text  # noqa: E402
@@ -24,11 +25,13 @@ from speed.rows import Row, text  # noqa: E402
 
 def main() -> None:
     """Print the parts named, or all."""
-    words = sys.argv[1:]
-    if "--short" in words:
-        words.remove("--short")
+    parser = arguments(__doc__)
+    parser.add_argument("parts", nargs="*", help=f"of {', '.join(PARTS)}; default: all")
+    parser.add_argument("--short", action="store_true", help="as small as can be")
+    words = parsed(parser)
+    if words.short:
         shorten()
-    asked = words or list(PARTS)
+    asked = words.parts or list(PARTS)
     if unknown := [name for name in asked if name not in PARTS]:
         sys.exit(f"no part is called {', '.join(unknown)}: choose from {', '.join(PARTS)}")
     rows: list[Row] = []

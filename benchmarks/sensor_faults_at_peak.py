@@ -10,7 +10,6 @@ must not be stopped. With `--healthy` no channel fails.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections import Counter
@@ -20,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.random_case_draw import make_records
 from campaigns.random_case_runs import about, legitimate
 from campaigns.sensor_faults import BOTH, faulty_runs, healthy, planned
+from options import arguments, parsed
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import RthsError
@@ -28,16 +28,18 @@ from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import make_setup
 
+SHORT = ("--count", "1")
+
 
 def main() -> None:
     """Print a line for each run and the counts of all."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--seed", type=int, default=7000, help="of the first random test")
     parser.add_argument("--count", type=int, default=6, help="of random tests")
     parser.add_argument("--healthy", action="store_true", help="play healthy runs alone")
     parser.add_argument("--case", nargs="*", default=[], help="case files or names, instead of random tests")
     parser.add_argument("--set", nargs="*", default=[], help="as of rths run")
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     memory, counts = Memory(Cache()), Counter[str]()
     with tempfile.TemporaryDirectory() as name:
         make_records(Path(name))

@@ -8,11 +8,11 @@ storeys over the seeds that place the stalls.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 TREE = Path(__file__).parents[1]
 sys.path[:0] = [str(TREE), str(TREE / "tests" / "helpers")]
@@ -20,6 +20,8 @@ sys.path[:0] = [str(TREE), str(TREE / "tests" / "helpers")]
 from stalling import Laboratory, laboratory_of  # noqa: E402
 
 from rths_cli.numerics.lti import Array  # noqa: E402
+
+SHORT = ("--seeds", "1")
 
 RECORD, RAMP = 53_741, 1_000
 LENGTHS_MS = (1, 3, 7, 15, 30, 50, 80, 100)
@@ -39,9 +41,9 @@ def ratios(laboratory: Laboratory, calm: Array, every: int, told: bool, length: 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = arguments(__doc__)
     parser.add_argument("--seeds", type=int, default=4)
-    seeds = parser.parse_args().seeds
+    seeds = parsed(parser, SHORT).seeds
     laboratory = laboratory_of(RECORD)
     calm = laboratory.errors(laboratory.run(np.zeros(0, np.int64), 0)[0])
     print(f"without a stall {', '.join(f'{1e3 * error:.3f}' for error in calm)} mm/s^2 RMS, storey by storey")

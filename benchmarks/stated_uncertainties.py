@@ -16,7 +16,6 @@ damping ratios of the specimen those with the deck held. Poles that were identif
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Iterator
@@ -26,6 +25,7 @@ from typing import Any
 
 import numpy as np
 from laboratories import deviations
+from options import arguments, parsed
 from random_tables import FIRST_SEED, draw, setup_of
 from scipy.linalg import eigvals
 from scipy.optimize import linear_sum_assignment
@@ -37,6 +37,9 @@ from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Array, ComplexArray
 from rths_cli.rigs.from_case import true_values
+
+SHORT = ("lines.jsonl", "--kind", "virtual", "--count", "1")
+PRINTS = "^virtual"  # the short form at its end
 
 CASE, G = "el_centro_low_ff_fb", 9.80665
 
@@ -215,13 +218,13 @@ def told(lines: list[dict[str, Any]]) -> None:
 
 def main() -> int:
     """Identify or tell; return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("files", nargs="+", type=Path)
     parser.add_argument("--summary", action="store_true")
     parser.add_argument("--kind", choices=("laboratory", "rig", "virtual"), default="laboratory")
-    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--seed", "--first", dest="first", type=int, default=0)
     parser.add_argument("--count", type=int, default=20)
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     kept = [json.loads(text) for path in asked.files if path.exists() for text in path.read_text().splitlines()]
     if not asked.summary:
         done = {(line["kind"], line["number"]) for line in kept}

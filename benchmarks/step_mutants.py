@@ -10,7 +10,6 @@ are interpreted (tests/helpers/campaigns/interpreted.py) over the first FEW_STEP
 
 from __future__ import annotations
 
-import argparse
 import pickle
 import shutil
 import subprocess
@@ -26,9 +25,13 @@ sys.path[:0] = [str(TREE), str(HELPERS)]  # the sources this file belongs to
 
 from campaigns import step_in_c, step_run  # noqa: E402
 from campaigns.step_comparison import SHIPPED, both, differences  # noqa: E402
+from options import arguments, parsed  # noqa: E402
 
 from rths_cli.experiment.model_choice import Memory  # noqa: E402
 from rths_cli.experiment.model_files import Cache  # noqa: E402
+
+SHORT = ("--only", "c", "--count", "2", "--case", "el_centro_low_ff_fb")
+PRINTS = "2 of 2 missing terms noticed"  # the short form at its end
 
 UNNOTICED = "NOT NOTICED"
 FEW_STEPS = 3000
@@ -136,11 +139,11 @@ def told(kind: str, names: Sequence[str], given: Path) -> Iterator[bool]:
 
 def main() -> int:
     """Drop every term; return 1 where one was not noticed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--only", choices=("c", "compiled"))
     parser.add_argument("--count", type=int, help="of the first terms of each")
     parser.add_argument("--case", nargs="+", default=SHIPPED)
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     for file, *term in COMPILED.values():
         dropped((TREE / "rths_cli" / "loop" / file).read_text(encoding="utf-8"), *term, file)
     for term in IN_C.values():

@@ -10,13 +10,13 @@ earliest. Printed: how long after that the guard called it stuck, or what else e
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from bare_rig import BareRig
@@ -35,6 +35,8 @@ from rths_cli.loop.simulated_time_run import Outcome, play
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import Rig
+
+SHORT = ("--count", "1", "--instants", "1")
 
 
 class Sticking(BareRig):
@@ -84,12 +86,12 @@ def rows(setup: Setup, design: Design, instants: int) -> Iterator[str]:
 
 def main() -> None:
     """Print the runs of every case."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--seed", type=int, default=5000, help="of the first random test")
     parser.add_argument("--count", type=int, default=10, help="of random tests")
     parser.add_argument("--instants", type=int, default=3)
     parser.add_argument("--case", nargs="*", default=[], help="case files or names, instead of random tests")
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     memory = Memory()
     with tempfile.TemporaryDirectory() as name:
         make_records(Path(name))

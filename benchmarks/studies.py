@@ -20,6 +20,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.synthetic_study import (
@@ -39,6 +40,8 @@ from rths_cli.report.sweep_page import page
 from rths_cli.studies.merge import merge_parts
 from rths_cli.studies.sweep_output import Begun, take_rows
 from rths_cli.studies.sweep_table import Table
+
+SHORT = ("--rows", "1000")
 
 COUNT, SEEDS, PARTS = 4096, 20, 10
 
@@ -97,8 +100,11 @@ def indices() -> None:
         )
 
 
-def main(rows: int) -> int:
+def main() -> int:
     """Run each part in a process of its own, return the first exit code that is not 0."""
+    parser = arguments(__doc__)
+    parser.add_argument("--rows", type=int, default=1_000_000)
+    rows = parsed(parser, SHORT).rows
     with tempfile.TemporaryDirectory() as name:
         for part in (million, prepare, join, resume):
             process = get_context("spawn").Process(target=part, args=(rows, Path(name)))
@@ -111,4 +117,4 @@ def main(rows: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]) if sys.argv[1:] else 1_000_000))
+    sys.exit(main())

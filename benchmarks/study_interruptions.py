@@ -1,4 +1,4 @@
-"""Interrupt sweeps at random instants: python benchmarks/study_interruptions.py [COUNT] [SEED] [KIND...].
+"""Interrupt sweeps at random instants: python benchmarks/study_interruptions.py [--count N] [--seed N] [KIND...].
 
 Kinds: a worker process is killed, the Dask scheduler is killed and started again, Ctrl-C, SIGKILL of the command, and
 a full disk; COUNT (default 20) instants of each. Demanded of each: rows that are kept are whole and there once, the
@@ -18,15 +18,20 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.study_interruptions import KINDS, Bench, Trial, free_port, small_disk, trial
+from options import arguments, parsed
+
+SHORT = ("--count", "1", "--seed", "5", "Ctrl-C")
+PRINTS = ", 1 met the sweep when .*, 0 failed"  # the short form at its end
 
 MOST = 20  # trials for one that meets the sweep: after the last row a sweep may have ended before
 
 
-def main(arguments: Sequence[str]) -> int:
+def main() -> int:
     """Run the trials, print a line for each, return 1 where one failed."""
-    numbers = [int(text) for text in arguments if text.isdigit()]
-    count, seed = (*numbers, *(20, 20)[len(numbers) :])[:2]
-    kinds = [text for text in arguments if text in KINDS] or list(KINDS)
+    parser = arguments(__doc__, seed=20, count=20)
+    parser.add_argument("kinds", nargs="*", help=f"of {', '.join(KINDS)}; default: all")
+    asked = parsed(parser, SHORT)
+    count, seed, kinds = asked.count, asked.seed, asked.kinds or list(KINDS)
     failed = 0
     with tempfile.TemporaryDirectory(prefix="rths-interruptions-") as name, small_disk(Path(name) / "disk") as disk:
         bench = Bench.made(Path(name))
@@ -57,4 +62,4 @@ def told(kind: str, trials: Sequence[Trial]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

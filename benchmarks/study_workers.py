@@ -1,6 +1,6 @@
 """Throughput of a sweep by two worker processes, against two processes that know nothing of each other.
 
-    python benchmarks/study_workers.py [RUNS] [ROUNDS]
+    python benchmarks/study_workers.py [--runs N] [--rounds N]
 
 RUNS (default 200) EXP-RTHS of `el_centro_low_ff_fb`, seeds from 0 on, alternating within each of ROUNDS (default 3)
 rounds: by `rths sweep --engine processes --jobs 2`, and half of the seeds in each of two commands `--engine inline`
@@ -17,6 +17,11 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
+
+from options import arguments, parsed
+
+SHORT = ("--runs", "4", "--rounds", "1")
+PRINTS = "^median"  # the short form at its end
 
 CASE = "el_centro_low_ff_fb"
 SEEN_EACH_S = 0.02
@@ -54,9 +59,13 @@ def rows_of(output: Path) -> int:
         return 0
 
 
-def main(arguments: Sequence[str]) -> int:
+def main() -> int:
     """Run the rounds and print their rates."""
-    runs, rounds = (*map(int, arguments), *(200, 3)[len(arguments) :])[:2]
+    parser = arguments(__doc__)
+    parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--rounds", type=int, default=3)
+    asked = parsed(parser, SHORT)
+    runs, rounds = asked.runs, asked.rounds
     half = runs // 2
     ratios = []
     with tempfile.TemporaryDirectory(prefix="rths-workers-") as name:
@@ -72,4 +81,4 @@ def main(arguments: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -10,13 +10,19 @@ import sys
 import tempfile
 from pathlib import Path
 
+from options import arguments, parsed
+
 CASE = "el_centro_low_ff_fb"
 COMMANDS = (["list", "cases"], ["structure", "three_storey"], ["run", CASE], ["report", "results", "--format", "json"])
 
 
 def main() -> int:
     """Install and run; return 0, or the exit code of the first command that failed."""
-    wheel, python = Path(sys.argv[1]).resolve(), sys.argv[2] if len(sys.argv) > 2 else sys.executable
+    parser = arguments(__doc__)
+    parser.add_argument("wheel", type=Path)
+    parser.add_argument("python", nargs="?", default=sys.executable)
+    asked = parsed(parser)
+    wheel, python = asked.wheel.resolve(), asked.python
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         subprocess.run([python, "-m", "venv", folder / "venv"], check=True)

@@ -16,7 +16,6 @@ packets are sent: a hundred times as fast, the same bytes again on every machine
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import shutil
@@ -32,6 +31,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 import numpy as np
+from options import arguments, parsed
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent / "tests" / "helpers"))
@@ -189,13 +189,13 @@ def show(names: list[str], rows: list[Row]) -> bool:
 
 def main() -> int:
     """Play what is asked for; return 1 when one reason is false."""
-    asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    asked = arguments(__doc__)
     asked.add_argument("runs", nargs="?", type=int, default=20)
-    asked.add_argument("--first", type=int, default=0, help="number of the first run of each kind")
+    asked.add_argument("--seed", "--first", dest="first", type=int, default=0, help="of the first run of a kind")
     asked.add_argument("--kind", default="", help="only kinds whose name holds this")
     asked.add_argument("--workers", type=int, default=1)
     asked.add_argument("--counted", action="store_true", help="in counted time, without faults of target and link")
-    words = asked.parse_args()
+    words = parsed(asked)
     os.environ.pop("RTHS_KEY_FILE", None)
     names = [name for name, kind in KINDS.items() if words.kind in name and not (words.counted and kind.of_the_link)]
     play = counted if words.counted else in_real_time

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 from rths_cli.errors import RthsError
 from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
@@ -31,6 +32,9 @@ from rths_cli.rigs.udp.session import sealed
 from rths_cli.rigs.udp.siphash import Words
 from rths_cli.rigs.udp.sockets import bound, connected
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
+
+SHORT = ("20",)
+PRINTS = "runner"  # the short form at its end
 
 BURST = 40  # hostile packets between two genuine ones
 MOVED_V = 0.05  # a table at rest shows less; a forged command of 5 V gives more
@@ -198,11 +202,16 @@ def at_example(count: int) -> str:
             process.kill()
 
 
-def main(words: list[str]) -> None:
+def main() -> None:
     """Fuzz what is asked for and print one line each."""
-    count = int(words[0]) if words else 100_000
-    if len(words) == 4:
-        print(at_target(count, f"{words[1]}:{words[2]}", UdpTarget(words[1], int(words[2]), Path(words[3]))))
+    parser = arguments(__doc__)
+    parser.add_argument("count", nargs="?", type=int, default=100_000)
+    parser.add_argument("target", nargs="*", metavar="HOST PORT KEY_FILE", help="of a running target")
+    asked = parsed(parser, SHORT)
+    count, words = asked.count, asked.target
+    if words:
+        host, port, key_file = words
+        print(at_target(count, f"{host}:{port}", UdpTarget(host, int(port), Path(key_file))))
         return
     for part in (at_runner, at_handshake, at_example):
         start = time.perf_counter()
@@ -211,6 +220,6 @@ def main(words: list[str]) -> None:
 
 if __name__ == "__main__":
     try:
-        main(sys.argv[1:])
+        main()
     except RthsError as fault:
         sys.exit(str(fault))

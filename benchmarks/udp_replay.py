@@ -14,7 +14,6 @@ took more than 20 % of a processor. `plain` is the target in Python that was wri
 
 from __future__ import annotations
 
-import argparse
 import heapq
 import multiprocessing
 import os
@@ -34,6 +33,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
+from options import arguments, parsed
 
 TREE = Path(__file__).parents[1]
 sys.path.insert(0, str(TREE / "tests" / "helpers"))
@@ -45,6 +45,8 @@ from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo  # no
 from rths_cli.rigs.udp import packets  # noqa: E402
 from rths_cli.rigs.udp.key_file import make_secret  # noqa: E402
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget  # noqa: E402
+
+SHORT = ("--count", "50", "--seconds", "5")
 
 KINDS = {
     "HELLO": packets.HELLO,
@@ -357,13 +359,13 @@ TARGETS = {"serve": served, "c": example, "plain": plain}
 
 def main() -> int:
     """Attack what is asked for, print what was found; return the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--count", type=int, default=100_000)
     parser.add_argument("--rate", type=float, default=10_000.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--target", choices=list(TARGETS), default="serve")
-    asked = parser.parse_args()
+    asked = parsed(parser, SHORT)
     with tempfile.TemporaryDirectory() as folder, TARGETS[asked.target](Path(folder)) as target:
         line = Line(target.port, asked.rate, asked.seed)
         found = campaign(target, line, asked.count, asked.seconds)

@@ -13,7 +13,6 @@ differs.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -24,6 +23,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from options import arguments, parsed
 
 PAPER = [f"{r}_{d}_{c}" for r in ("el_centro", "hachinohe") for d in ("low", "high") for c in ("ff", "ff_fb")]
 BASE = "el_centro_low_ff_fb"
@@ -44,7 +44,7 @@ CHANGING = ("created_utc", "git_commit", "command_line", "platform", "package_ve
 
 def main() -> int:
     """Record or compare."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
     record_parser = commands.add_parser("record")
     record_parser.add_argument("folder", type=Path)
@@ -53,7 +53,7 @@ def main() -> int:
     compare_parser.add_argument("before", type=Path)
     compare_parser.add_argument("after", type=Path)
     compare_parser.add_argument("--texts", action="store_true", help="show attributes whose text differs")
-    given = parser.parse_args()
+    given = parsed(parser)
     if given.command == "record":
         record(given.folder, given.random)
         return 0

@@ -11,7 +11,6 @@ the right files are doubted, or a slip by 1e3 or 1e6 of a limit, a sensor or a m
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections import Counter, defaultdict
@@ -20,17 +19,21 @@ from pathlib import Path
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests" / "helpers")]
 
 from campaigns.unit_slips import FACTORS, bases, factor_of, fates, must_be_noticed, right_doubts  # noqa: E402
+from options import arguments, parsed  # noqa: E402
+
+SHORT = ("--bases", "none", "--right", "5")
+PRINTS = "^right files doubted: 0 of 5"  # the short form at its end
 
 LARGEST_SHARE = 0.05  # of right files that may be doubted
 
 
 def main() -> int:
     """Print the fate of every slip, and the right files that are doubted."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--drawn", type=int, default=3, help="base cases drawn at random")
     parser.add_argument("--right", type=int, default=200, help="right files drawn at random")
     parser.add_argument("--bases", nargs="*", help="names of the base cases; default: all")
-    given = parser.parse_args()
+    given = parsed(parser, SHORT)
     chosen = {name: case for name, case in bases(given.drawn).items() if not given.bases or name in given.bases}
     counts: Counter[tuple[str, float]] = Counter()
     silent: defaultdict[tuple[str, str], list[str]] = defaultdict(list)

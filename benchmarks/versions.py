@@ -9,7 +9,6 @@ build` makes of it, without them. python3.11, python3.12 and python3.13 must be 
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
 import re
@@ -21,6 +20,8 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from options import arguments, words
 
 ROOT = Path(__file__).parents[1]
 CASES = [
@@ -182,17 +183,17 @@ def shown(name: str, outcome: Outcome) -> str:
 
 def main() -> int:
     """Examine each environment; return whether one differs."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = arguments(__doc__)
     parser.add_argument("--only", choices=ENVIRONMENTS, action="append", help="one environment; repeatable")
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "versions", help="where they are made")
     parser.add_argument("--no-tests", action="store_true", help="run the cases only")
-    asked, arguments = parser.parse_known_args()
+    asked, of_pytest = parser.parse_known_args(words(parser))
     folder = asked.folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)
     wrong = False
     for name in asked.only or ENVIRONMENTS:
         tested = ENVIRONMENTS[name].tested and not asked.no_tests
-        outcome = examined(name, folder, arguments, tested)
+        outcome = examined(name, folder, of_pytest, tested)
         print(shown(name, outcome), flush=True)
         wrong |= any(difference > 1.0 for difference, _ in outcome.differing)
         wrong |= tested and bool(re.search("failed|error|no output", outcome.tests))

@@ -226,6 +226,7 @@ def test_runs_are_kept_apart_and_go_with_their_results() -> None:
     assert not any(folder.exists() for folder in folders)
 
 
+@pytest.mark.campaign
 def test_a_method_and_an_override_reach_the_run(tmp_path: Path) -> None:
     done = rths_cli.run("el_centro_bare_ff_fb", method="paper", settings={"runs": ["exp_rths"]}, output=tmp_path)
     assert (done.attributes["method"], done.path.parent) == ("paper", tmp_path)

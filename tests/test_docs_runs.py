@@ -84,6 +84,7 @@ def test_the_pages_that_are_run_as_written_are_these() -> None:
     assert {at(page) for page in STORIES} == others | howto | own | background
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("page", STORIES, ids=at)
 def test_the_page_works_as_it_is_written(page: Path, tmp_path: Path) -> None:
     with chdir(tmp_path):
@@ -151,6 +152,7 @@ def run_here(page: Path) -> list[list[str]]:
     return [words for words in commands(page) if not left_out(at(page), words)]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("page", [page for page in LISTS if run_here(page)], ids=at)
 def test_the_commands_of_other_pages_run(page: Path, place: Path) -> None:
     with chdir(place):
@@ -163,6 +165,7 @@ def test_the_commands_of_other_pages_run(page: Path, place: Path) -> None:
             assert code == 0 or (code == 1 and "refused" in printed and words[1] == "sweep"), (words, printed)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", WITH_SNIPPETS)
 def test_the_snippets_of_other_pages_run(name: str, place: Path) -> None:
     with chdir(place):
@@ -173,6 +176,7 @@ def test_the_snippets_of_other_pages_run(name: str, place: Path) -> None:
     assert len(names) > 2
 
 
+@pytest.mark.campaign
 def test_every_example_of_the_help_runs(place: Path, tmp_path: Path) -> None:
     text = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
     examples = [shlex.split(block.text.partition(">")[0])[1:] for block in blocks_of(text) if block.kind == "sh"]

@@ -29,6 +29,7 @@ follow_imports = skip
 """
 
 
+@pytest.mark.campaign
 def test_the_examples_are_typed(tmp_path: Path, pytestconfig: pytest.Config) -> None:
     assert (ROOT / "rths_cli" / "py.typed").is_file()
     (tmp_path / "mypy.ini").write_text(CONFIG)

@@ -113,6 +113,7 @@ def declared(tall: dict[str, object], tmp_path_factory: pytest.TempPathFactory) 
     return rths_cli.run(CASE, settings=tall, parts={"numerical": storeys_of(own, own)}, output=output)
 
 
+@pytest.mark.campaign
 def test_references_are_those_of_the_building_that_a_part_declares(
     tall: dict[str, object], declared: rths_cli.RunResult
 ) -> None:

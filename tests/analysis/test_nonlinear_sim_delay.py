@@ -8,6 +8,7 @@ from functools import cache
 import numba
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 from test_sim_delay import five_storeys, noise, outputs, paper_building, relative_difference
 
 from rths_cli.analysis.critical_delay import critical_delay, critical_delay_range
@@ -156,7 +157,7 @@ def difference(found: DelayedResponse, other: np.ndarray) -> float:
     return max(relative_difference(mine[:, :end], theirs[:, :end]) for mine, theirs in pairs)
 
 
-@pytest.mark.parametrize("interface_mass_kg", [0.0, 1.7325])
+@parametrize_first(1, "interface_mass_kg", [0.0, 1.7325])
 def test_laws_that_never_act_leave_the_linear_response(interface_mass_kg: float) -> None:
     building = paper_building(interface_mass_kg=interface_mass_kg)
     linear = outputs(simulate_delayed(building, DT_S, ground(2.0), 0.0031, 1e-10))

@@ -1,7 +1,6 @@
 """Oracles: the exact transfer functions inverted numerically, the roots of the paper's loop, the table of the notes."""
 
 import math
-import time
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -247,17 +246,6 @@ def test_more_than_half_the_interface_mass_on_the_table_diverges_for_any_delay()
     assert times[0] < times[1] < times[2] < 0.1
 
 
-def test_full_record_is_fast() -> None:
-    building, record = paper_building(), motion("el_centro")
-    simulate_delayed(building, DT_S, record[:10], 0.005)
-    times = []
-    for _ in range(3):
-        start = time.process_time()
-        simulate_delayed(building, DT_S, record, 0.005)
-        times.append(time.process_time() - start)
-    assert min(times) < 0.5
-
-
 def test_zero_record_stays_at_rest() -> None:
     found: DelayedResponse = simulate_delayed(paper_building(), DT_S, np.zeros(20), 0.005)
     assert not outputs(found).any()
@@ -306,12 +294,11 @@ def test_the_largest_dashpot_locks_its_storey() -> None:
     assert relative_difference(found.abs_accel_m_s2, np.vstack([record, alone.T])) < 3e-6
 
 
-def test_a_vibration_that_takes_too_many_steps_is_refused_before_they_are_made() -> None:
+def test_a_vibration_that_takes_too_many_steps_is_refused_before_they_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
     building, record = with_numerical(paper_building(), 0.04, 1e12, 0.0), noise(10.0, DT_S)
-    started = time.process_time()
+    monkeypatch.delattr(sim_delay, "integrate")
     with pytest.raises(InputError, match=r"^SIM-DELAY: a vibration of 7.96e\+05 Hz in the numerical part takes 2e\+08"):
         simulate_delayed(building, DT_S, record, 0.005)
-    assert time.process_time() - started < 2.0
 
 
 def test_a_delay_that_takes_too_many_steps_is_refused_when_they_are_used_up(monkeypatch: pytest.MonkeyPatch) -> None:

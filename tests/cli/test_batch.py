@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from portfolio import parametrize_first
 from warm_command import rths_words
 
 from rths_cli.files.result_reader import read_result
@@ -23,6 +24,7 @@ def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*rths_words(), *words], capture_output=True, text=True, cwd=cwd, timeout=240, check=False)
 
 
+@pytest.mark.campaign
 def test_one_case_that_is_stopped_by_a_limit_is_named_and_the_others_run(tmp_path: Path) -> None:
     (tmp_path / "loud.yaml").write_text(CASE.format(scaling=3, runs="[sim, shake_table]"))
     (tmp_path / "calm.yaml").write_text(CASE.format(scaling=0.3, runs="[sim, shake_table]"))
@@ -67,7 +69,7 @@ def test_a_finished_result_is_replaced_unless_told_not_to(
     assert (tmp_path / "results/el_centro_low_ff.h5").stat().st_mtime_ns > before
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@parametrize_first(1, ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_the_batch_with_its_code_and_whole_files(tmp_path: Path, number: int, code: int) -> None:
     for k in range(60):
         (tmp_path / f"c{k:02}.yaml").write_text(CASE.format(scaling=0.3, runs="[sim, sim_delay]"))
@@ -90,6 +92,7 @@ def test_a_signal_ends_the_batch_with_its_code_and_whole_files(tmp_path: Path, n
 CONTROLS = ("ff", "ff_fb")
 
 
+@pytest.mark.campaign
 def test_a_run_prints_as_much_as_is_asked_for(tmp_path: Path) -> None:
     """A case with a reference has its tables, an own one the answer alone; --full has all, --quiet a line."""
     (tmp_path / "own.yaml").write_text(CASE.format(scaling=0.3, runs="[sim, sim_delay, exp_rths]"))

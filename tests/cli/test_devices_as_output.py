@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.files.durable_files import is_stream, written_whole
 from tests.helpers.page_results import write as write_result
@@ -72,7 +73,7 @@ def test_a_text_goes_into_a_device(device: Path, command: str) -> None:
     assert stat.S_ISCHR(device.stat().st_mode) and "replaced" not in done.stderr
 
 
-@pytest.mark.parametrize("command", TEXTS)
+@parametrize_first(1, "command", TEXTS)
 def test_a_text_goes_into_a_pipe_as_into_a_file(command: str) -> None:
     os.mkfifo("pipe")
     holder = os.open("pipe", os.O_RDONLY | os.O_NONBLOCK)  # a reader is there before the command begins

@@ -7,6 +7,7 @@ import random
 from pathlib import Path
 
 import click
+import pytest
 from campaigns.option_trials import Trial, trials, tried
 from campaigns.valid_files import SHORT_RECORD
 
@@ -17,6 +18,7 @@ VALUES = ("", "nan", "\x1b[2Jred", "circle")  # of each option
 KEYS = 6  # of a case, with one value each
 
 
+@pytest.mark.campaign
 def test_a_value_that_nobody_means_is_refused_by_a_sentence(tmp_path: Path) -> None:
     record = tmp_path / "short.csv"
     record.write_text(SHORT_RECORD)

@@ -287,6 +287,7 @@ def test_the_status_line_is_cleared_without_a_line_of_its_own() -> None:
     assert plain.getvalue() == ""
 
 
+@pytest.mark.campaign
 def test_a_kept_model_spares_the_excitation_and_fresh_asks_for_it(
     rths: Rths, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from portfolio import parametrize_first
 
 HEAVY = ("numpy", "scipy", "numba", "llvmlite", "pydantic", "h5py", "matplotlib", "rich", "yaml", "control")
 NUMERICAL = ("scipy", "numba", "llvmlite", "matplotlib", "rich", "control", "yaml", "pydantic")
@@ -139,7 +140,7 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("words", [("check", "el_centro_low_ff_fb"), ("run", "el_centro_low_ff_fb", "--quiet")])
+@parametrize_first(1, "words", [("check", "el_centro_low_ff_fb"), ("run", "el_centro_low_ff_fb", "--quiet")])
 def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...], warm: Path) -> None:
     modules = imported("", *words, "--set", "session_record=never", cwd=warm)
     unused = ("matplotlib", "rich", "control", "pandas", "asyncio")
@@ -151,8 +152,8 @@ def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...
     assert "rths_cli.experiment.model_choice" in modules and not heavy(modules, unused)
 
 
-@pytest.mark.parametrize(
-    "words", [("report", "results", "--junit", "limits.xml"), ("export", "results", "--to", "csv"), ("records",)]
+@parametrize_first(
+    1, "words", [("report", "results", "--junit", "limits.xml"), ("export", "results", "--to", "csv"), ("records",)]
 )
 def test_what_exists_is_shown_without_numba(words: tuple[str, ...], warm: Path) -> None:
     modules = imported("", *words, cwd=warm)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.files import durable_files
 from rths_cli.files.durable_files import claimed, publish, stamp
@@ -51,8 +52,8 @@ def scaling_in(path: Path) -> float:
     return float(next(line for line in text.splitlines() if line.startswith("scaling:")).split()[1])
 
 
-@pytest.mark.parametrize("more", [(), ("--no-replace",)])
-@pytest.mark.parametrize("count", [2, 5])
+@parametrize_first(1, "more", [(), ("--no-replace",)])
+@parametrize_first(1, "count", [2, 5])
 def test_no_result_of_several_processes_is_lost(count: int, more: tuple[str, ...]) -> None:
     """Whenever each begins: a result is there, or its process was refused, or another says that it replaced it."""
     scalings = [round(0.1 + 0.05 * number, 3) for number in range(count)]
@@ -76,6 +77,7 @@ def test_no_result_of_several_processes_is_lost(count: int, more: tuple[str, ...
     assert len(own) == len(files)
 
 
+@pytest.mark.campaign
 def test_a_run_whose_name_another_process_writes_takes_the_next_one_and_says_so() -> None:
     path = Path(f"results/{CASE}.h5")
     with claimed(path) as ours, claimed(Path(f"results/{CASE}-2.h5")):

@@ -207,6 +207,7 @@ def baseline(laboratory: Path) -> Path:
     return laboratory / "baseline"
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("pipeline", [github, gitlab])
 def test_the_pipelines_work_as_written(pipeline, laboratory: Path, baseline: Path) -> None:
     for line, expected in pipeline():

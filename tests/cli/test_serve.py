@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.experiment.serve_command import describe
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
@@ -55,7 +56,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "rths"
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@parametrize_first(1, ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_rests_the_table_and_ends_with_its_code(own_cache: Path, number: int, code: int) -> None:
     with started() as (process, host, port, key_file):
         assert (host, key_file) == ("127.0.0.1", own_cache / "serve.key")
@@ -75,6 +76,7 @@ def test_a_signal_rests_the_table_and_ends_with_its_code(own_cache: Path, number
     assert "Traceback" not in err
 
 
+@pytest.mark.campaign
 def test_the_key_file_is_kept_and_json_holds_the_sessions(own_cache: Path) -> None:
     open_to_all = [*RTHS, "--seconds", "0.1", "--host", "0.0.0.0"]
     first = subprocess.run(open_to_all, capture_output=True, text=True, timeout=120, check=True)
@@ -86,6 +88,7 @@ def test_the_key_file_is_kept_and_json_holds_the_sessions(own_cache: Path) -> No
     assert "serve.key" in done.stderr
 
 
+@pytest.mark.campaign
 def test_a_port_in_use_and_bad_input_are_one_sentence(own_cache: Path, tmp_path: Path) -> None:
     (tmp_path / "open.key").write_text("00" * 16)
     (tmp_path / "open.key").chmod(0o644)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.cli.terminal import Screen
 from rths_cli.interrupts import Signals, Terminated
@@ -89,7 +90,8 @@ entry_point.main()
 """
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    2,
     ("numbers", "code", "sentence"),
     [
         ([signal.SIGINT], 130, "rths: interrupted\n"),

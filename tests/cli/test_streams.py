@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.safe_text import OutputError, PrintedStream, shortened, visible
 
@@ -21,7 +22,8 @@ def rths(command: str, folder: Path) -> subprocess.CompletedProcess[bytes]:
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
-@pytest.mark.parametrize(
+@parametrize_first(
+    3,
     ("command", "said"),
     [
         ("rths records --json > /dev/full", b"No space left"),

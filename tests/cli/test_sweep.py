@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 from warm_command import rths_words
 
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
@@ -53,7 +54,7 @@ def test_sweep_merge_is_merge(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (2, "none.h5: is no file that rths sweep wrote\n")
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@parametrize_first(1, ("number", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_sweep_that_is_killed_goes_on(folder: Path, number: int, code: int) -> None:
     words = ("sweep", "a.yaml", "--seeds", "100000", "--output", "out/s.h5")
     process = subprocess.Popen(

@@ -290,6 +290,7 @@ def test_the_observer_follows_the_command_that_was_applied() -> None:
     assert 100 < clipped < 400
 
 
+@pytest.mark.campaign
 def test_an_offset_behind_an_ac_coupling_moves_the_table_aside_and_no_further() -> None:
     """A constant error and the line that the correction of an AC coupling of 0.2 Hz makes of it, for 100 s, played
     sample by sample: the command comes to rest at the offset's response times the ratio of both corners."""

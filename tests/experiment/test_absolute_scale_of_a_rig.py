@@ -19,6 +19,7 @@ TABLE = {
 }  # fmt: skip
 
 
+@pytest.mark.campaign
 def test_a_displacement_sensor_finds_the_true_gains_at_a_low_rate(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -61,6 +61,7 @@ def run(folder: Path, **keys: object) -> Ended:
         return run_case(make_setup(load_cases([path])[0]), folder / "case.h5", Memory(), "test", lambda _: None)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("rate_hz", [500.0, 2000.0])
 def test_a_stiff_storey_whose_free_vibration_dies_at_once(rate_hz: float, tmp_path: Path) -> None:
     """20 Hz at 3 %: the second part of its free vibration is within one bit of the converter."""
@@ -72,6 +73,7 @@ def test_a_stiff_storey_whose_free_vibration_dies_at_once(rate_hz: float, tmp_pa
     assert stored["damping_first_mode_ratio"] == pytest.approx(0.06, rel=1e-9)
 
 
+@pytest.mark.campaign
 def test_a_stiff_floor_that_moves_by_three_bits_errs_as_expected(tmp_path: Path) -> None:
     """At 20 Hz the noise-shaped command shakes it, which spreads the rounding of its samples: taken for slow, that was
     expected to cost four to five times as much. What rounding of three bits costs the storey above it (1.0 to 3.3 times
@@ -97,12 +99,14 @@ def test_a_stiff_floor_that_moves_by_three_bits_errs_as_expected(tmp_path: Path)
     assert np.all((ratio > 1.0 / 1.5) & (ratio < largest)), ratio
 
 
+@pytest.mark.campaign
 def test_coarse_converters_on_a_table_whose_force_ends_before_its_data_sheet_says(tmp_path: Path) -> None:
     ended = run(tmp_path, structure=COARSE, damping={"first_mode_ratio": 0.03}, controller="FF+FB", table=SATURATING)
     assert (ended.status, ended.exit_code) == ("complete", 0), ended.reason
     assert any("measured again at half the level" in warning for warning in ended.warnings)
 
 
+@pytest.mark.campaign
 def test_floors_whose_first_look_goes_astray_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a model of the table the alias of its staircase hides the highest of seven modes, here at 640 Hz."""
     path = tmp_path / "case.yaml"
@@ -123,6 +127,7 @@ def test_floors_whose_first_look_goes_astray_are_found(tmp_path: Path, monkeypat
     assert found.specimen.natural_frequency_hz == pytest.approx(truth, rel=1e-3)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", [18])
 def test_random_cases_end_with_a_result_or_a_true_reason(seed: int, tmp_path: Path) -> None:
     make_records(tmp_path)

@@ -75,6 +75,7 @@ def truth() -> np.ndarray:
     return np.asarray(declared * (1.0 + np.array([*GAIN, *WEIGHED_WRONG])))
 
 
+@pytest.mark.campaign
 def test_one_comparison_and_one_weighing_calibrate_all_and_lower_the_bound(lab: Path) -> None:
     model = lab / "m.h5"
     api.identify(lab / "quake.yaml", model, settings=QUICK)

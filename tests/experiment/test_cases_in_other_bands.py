@@ -82,6 +82,7 @@ def rms_below(error: Array, band_hz: float) -> Array:
     return np.sqrt(np.mean(sosfiltfilt(low, error) ** 2, axis=-1))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", BUILDINGS)
 def test_metrics_are_those_of_the_stated_band(folder: Path, printed: dict[str, str], name: str) -> None:
     """Of EXP-RTHS and SIM-DELAY, against filters of scipy; the usual band would give another figure."""
@@ -99,6 +100,7 @@ def test_metrics_are_those_of_the_stated_band(folder: Path, printed: dict[str, s
         assert np.abs(told / rms_below(error, 12.0) - 1.0).max() > 1e-3
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", BUILDINGS)
 def test_what_is_printed_names_the_band_in_force(folder: Path, printed: dict[str, str], name: str) -> None:
     band_hz = BUILDINGS[name][0]
@@ -107,6 +109,7 @@ def test_what_is_printed_names_the_band_in_force(folder: Path, printed: dict[str
     assert "12 Hz low pass" not in printed[name] and "up to 11 Hz" not in printed[name]
 
 
+@pytest.mark.campaign
 def test_figures_and_page_take_the_band_from_the_file(folder: Path, printed: dict[str, str]) -> None:
     """A file that states none is of before the choice: it was judged in the usual bands."""
     assert printed
@@ -129,6 +132,7 @@ def soft(folder: Path) -> tuple[Setup, Identification]:
     return setup, Memory().identify(setup, lambda _: None)
 
 
+@pytest.mark.campaign
 def test_the_check_follows_the_compared_band(soft: tuple[Setup, Identification]) -> None:
     """Highest line, smallest tolerated error and the error that must be tolerated."""
     setup, identified = soft
@@ -145,6 +149,7 @@ def test_the_check_follows_the_compared_band(soft: tuple[Setup, Identification])
     assert DEFAULT.for_test_band(setup.case.test_band_hz).disturbance_hz == pytest.approx((1.0 / 3.0, 4.0))
 
 
+@pytest.mark.campaign
 def test_a_model_compared_in_another_band_is_refused(soft: tuple[Setup, Identification], tmp_path: Path) -> None:
     setup, identified = soft
     save(tmp_path / "m.h5", setup, identified, "made for this test", "0" * 64)

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from made_up_check import LINEAR, TRUE_ERROR
+from portfolio import parametrize_first
 from watched_references import watch_references
 
 from rths_cli.case.load import load_cases
@@ -82,6 +83,7 @@ def test_a_named_model_is_read_and_nothing_is_played(file: Path) -> None:
     assert all(np.ndim(value) == (METRICS[path].over != "") for path, value in computed.items())
 
 
+@pytest.mark.campaign
 @pytest.mark.usefixtures("no_rig")
 def test_a_real_rig_is_judged_with_a_model_and_bad_input_without(
     tmp_path: Path, default_identification: Identification
@@ -97,11 +99,13 @@ def test_a_real_rig_is_judged_with_a_model_and_bad_input_without(
         check_command.check_case(real(), Memory(), nothing)
 
 
+@pytest.mark.campaign
 def test_a_virtual_rig_without_a_model_is_identified_and_that_is_said(memory: Memory) -> None:
     assert "identified just now" in checked(memory).about.model
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    3,
     ("settings", "case", "verdict", "word"),
     [
         ((), CASE, "safe", ""),
@@ -167,6 +171,7 @@ def test_a_rig_that_cannot_be_identified_makes_a_case_unsafe(monkeypatch: pytest
     assert (found.verdict, found.exit_code) == ("unsafe", 1) and "dead" in found.reasons[0]
 
 
+@pytest.mark.campaign
 def test_a_rejected_model_is_a_reason_unless_overridden(default_identification: Identification) -> None:
     verdict = replace(default_identification.verdict, accepted=False, reasons=("made up",))
     known = Known(replace(default_identification, verdict=verdict), "made up")
@@ -194,6 +199,7 @@ def test_a_controller_that_a_rejected_model_leaves_none_is_no_reason_of_its_own(
     assert insisted.reasons == ("controller: no feedback is of use",)
 
 
+@pytest.mark.campaign
 def test_a_run_stores_what_its_check_says(tmp_path: Path, memory: Memory) -> None:
     ended, result = run(tmp_path / "r.h5", setup_of("runs=[exp_rths]", "accept={check.largest_scaling: 0.5}"), memory)
     assert result.attributes["check_verdict"] == "safe" and ended.exit_code == 1
@@ -222,13 +228,14 @@ def test_what_is_not_safe_is_refused_and_the_other_runs_go_on(tmp_path: Path, me
         assert "exp_rths" not in stored and "shake_table" in stored
 
 
+@pytest.mark.campaign
 def test_two_faults_are_both_told(tmp_path: Path, memory: Memory) -> None:
     ended, _ = run(tmp_path / "r.h5", setup_of("runs=[shake_table, exp_rths]", "scaling=3"), memory)
     assert (ended.exit_code, ended.status) == (1, "refused")
     assert "shake-table test refused, unsafe" in ended.reason and "EXP-RTHS refused, unsafe" in ended.reason
 
 
-@pytest.mark.parametrize("case", [CASE, "hachinohe_high_ff"])
+@parametrize_first(1, "case", [CASE, "hachinohe_high_ff"])
 def test_the_largest_safe_scaling_is_safe_and_a_third_more_is_stopped(
     tmp_path: Path, memory: Memory, case: str
 ) -> None:

@@ -96,6 +96,7 @@ def test_a_loop_that_diverges_is_unstable_and_has_no_prediction(default_identifi
     assert "spectral radius" in found.reasons[0]
 
 
+@pytest.mark.campaign
 def test_the_expected_error_is_that_of_the_specimen_as_it_is_at_the_level_of_the_test(
     default_identification: Identification,
 ) -> None:

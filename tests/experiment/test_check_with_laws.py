@@ -89,6 +89,7 @@ def test_a_tangents_verdict_is_that_of_the_linear_building(default_identificatio
     assert softest.stability.radius < at_rest.stability.radius
 
 
+@pytest.mark.campaign
 def test_a_building_that_is_not_safe_at_a_tangent_is_not_called_safe(default_identification: Identification) -> None:
     """The record does not reach the tangent, the simulated test is fine: the verdicts still have to agree."""
     setup = setup_of("runs=[sim, exp_rths]", law=NEVER)
@@ -127,6 +128,7 @@ def test_a_tangent_at_which_the_loop_diverges_says_so(default_identification: Id
     assert "spectral radius" in told.text and "storey 1 stiffest" in told.text
 
 
+@pytest.mark.campaign
 def test_the_prediction_of_a_yielding_building_is_that_of_the_virtual_rig(
     yielding: tuple[Setup, Judged], default_identification: Identification
 ) -> None:
@@ -139,6 +141,7 @@ def test_the_prediction_of_a_yielding_building_is_that_of_the_virtual_rig(
     assert found.largest_scaling == setup.case.scaling
 
 
+@pytest.mark.campaign
 def test_the_metrics_of_a_yielding_building(yielding: tuple[Setup, Judged]) -> None:
     setup, found = yielding
     values = check_figures(found)
@@ -151,6 +154,7 @@ def test_the_metrics_of_a_yielding_building(yielding: tuple[Setup, Judged]) -> N
     assert values["check.critical_delay_most_s"] > 1.2 * values["check.critical_delay_least_s"]
 
 
+@pytest.mark.campaign
 def test_disturbances_of_a_replay_act_beside_those_before_them(yielding: tuple[Setup, Judged]) -> None:
     """Parts of an error budget add up: two disturbances after each other change what both at once change."""
     found = yielding[1]
@@ -166,6 +170,7 @@ def test_disturbances_of_a_replay_act_beside_those_before_them(yielding: tuple[S
     assert np.abs(alone - parts[1][0]).max() > 1e-3 * np.abs(alone).max()  # the storey yields: not the same beside it
 
 
+@pytest.mark.campaign
 def test_a_test_that_the_guard_stops_in_the_simulation_is_not_safe(default_identification: Identification) -> None:
     setup = setup_of("runs=[sim, exp_rths]", "limits.tracking_error_m_s2=0.0005", law=BILINEAR)
     found = judged(setup, default_identification)

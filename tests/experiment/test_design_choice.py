@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.analysis.predicted_error import predict
 from rths_cli.analysis.stability_check import SAFE
@@ -44,6 +45,7 @@ def true_ratio(setup: Setup, memory: Memory, path: Path) -> float:
     return float(np.max(read_result(path).metrics["exp_rths.true_reference_ratio"]))
 
 
+@pytest.mark.campaign
 def test_with_coarse_samples_the_specimen_is_trusted(tmp_path: Path, memory: Memory) -> None:
     """Also where the specimen has changed by as much as the choice allows for, the true error is smaller than with the
     usual filter; the check sees no change."""
@@ -93,6 +95,7 @@ def test_a_changed_specimen_costs_what_is_expected(
     np.testing.assert_allclose(measured, np.hypot(changed, without.total.storeys), rtol=0.1)
 
 
+@pytest.mark.campaign
 def test_the_choice_is_told_and_repeats_as_stated(memory: Memory) -> None:
     setup = setup_of(*COARSE)
     known = memory.at_rest(setup, lambda _: None)
@@ -108,7 +111,8 @@ def test_the_choice_is_told_and_repeats_as_stated(memory: Memory) -> None:
     np.testing.assert_array_equal(same.blocks.estimator.A, design.blocks.estimator.A)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     "settings",
     [
         (),  # as it is: no choice is needed
@@ -126,6 +130,7 @@ def test_the_usual_filter_stays(settings: tuple[str, ...], memory: Memory) -> No
     assert design is not None and design.chosen_filter is None
 
 
+@pytest.mark.campaign
 def test_a_filter_that_a_damaged_specimen_makes_unstable_is_not_chosen(
     memory: Memory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -135,6 +140,7 @@ def test_a_filter_that_a_damaged_specimen_makes_unstable_is_not_chosen(
     assert found.chosen_filter is None and found.blocks.counters_reaction
 
 
+@pytest.mark.campaign
 def test_a_specimen_whose_stiffness_depends_on_the_level_is_trusted_less(memory: Memory) -> None:
     """Frequencies that differ between rest and the identification's level by more than they are known to."""
     setup = setup_of(*COARSE)
@@ -148,6 +154,7 @@ def test_a_specimen_whose_stiffness_depends_on_the_level_is_trusted_less(memory:
     assert trusted[1] is None or trusted[1].q > trusted[0].q
 
 
+@pytest.mark.campaign
 def test_without_a_better_filter_the_reaction_is_countered(memory: Memory) -> None:
     unsure = "table.uncertainty={corner: 0, skew_s: 0, mass: 0, drift: 0, specimen: 0.05}"
     found = designed(memory, *COARSE, unsure)
@@ -169,6 +176,7 @@ def designed(memory: Memory, *settings: str) -> Design:
     return design
 
 
+@pytest.mark.campaign
 def test_automatic_counters_the_reaction_where_the_test_is_safe_with_it(memory: Memory) -> None:
     """The design is that of a case that asks for it, and it is told as a metric only."""
     design, asked = designed(memory), designed(memory, "controller.reaction_feedforward=true")
@@ -182,7 +190,7 @@ def test_automatic_counters_the_reaction_where_the_test_is_safe_with_it(memory: 
     assert not [told for told in checked.warnings if "reaction" in told or "friction" in told]
 
 
-@pytest.mark.parametrize("settings", [COARSE, ("method=paper",), ("controller=none",), ("runs=[shake_table]",)])
+@parametrize_first(1, "settings", [COARSE, ("method=paper",), ("controller=none",), ("runs=[shake_table]",)])
 def test_automatic_leaves_the_design_as_it_is_without(settings: tuple[str, ...], memory: Memory) -> None:
     """With coarse samples another filter is chosen; the others have no such feedforward, or no check that judges it."""
     off = "controller.reaction_feedforward=false"
@@ -247,6 +255,7 @@ def test_a_loop_that_is_not_safe_with_another_specimen_is_judged_without(
     assert "automatic leaves it off: the test would not be safe with it: with specimen at 3e+03 %" in told
 
 
+@pytest.mark.campaign
 def test_a_row_of_a_sweep_gets_the_design_that_its_case_gets_alone(memory: Memory) -> None:
     """Rows share one design before the check; the check takes the reaction off for one of them."""
     shared, taken = Shared((), lambda _: None), []

@@ -9,6 +9,8 @@ from disturbed_runs import Disturbed
 from freezing import HOLDS, freezing_of
 from stalling import MEMORY
 
+pytestmark = pytest.mark.campaign
+
 RATE_HZ, RECORD_S = 500, 30.0
 
 

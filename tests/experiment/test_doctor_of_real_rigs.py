@@ -73,6 +73,7 @@ def shows_what_is_there(found: ChannelsExamined, said: list[str]) -> None:
     assert [rows[name].pushed for name in ("floor_3", "storey_3_strain", "floor_3_acceleration")] == [-1, 1, -1]
 
 
+@pytest.mark.campaign
 def test_eight_channels_behind_udp(tmp_path: Path) -> None:
     Path("served.yaml").write_text(yaml.safe_dump({"extends": "aps400_virtual", "channels": NOISY}))
     key = tmp_path / "key"
@@ -132,6 +133,7 @@ def look(monkeypatch: pytest.MonkeyPatch) -> Callable[[dict[str, Any]], tuple[Ch
     return examined
 
 
+@pytest.mark.campaign
 def test_eight_channels_on_a_card(look: Callable[[dict[str, Any]], tuple[ChannelsExamined, list[str]]]) -> None:
     further = [*FIVE_AS_KEYS[:4], {**FIVE_AS_KEYS[4], "sign": -1}]
     found, said = look(ni_rig(further, {"sign": -1}))
@@ -142,6 +144,7 @@ def test_eight_channels_on_a_card(look: Callable[[dict[str, Any]], tuple[Channel
     assert zeros["floor_2_displacement"] == pytest.approx((0.1, -1e-3), rel=5e-3)
 
 
+@pytest.mark.campaign
 def test_channels_of_a_card_that_are_reversed_are_told(
     look: Callable[[dict[str, Any]], tuple[ChannelsExamined, list[str]]],
 ) -> None:

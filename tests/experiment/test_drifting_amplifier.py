@@ -38,6 +38,7 @@ def played(folder: Path, use: str) -> tuple[Ended, np.ndarray]:
         return ended, file["exp_rths/truth/table_disp_m"][()]
 
 
+@pytest.mark.campaign
 def test_the_measured_stroke_stops_a_table_whose_command_stays_within_it(tmp_path: Path) -> None:
     ended, place_m = played(tmp_path, "guard")
     assert (ended.status, ended.exit_code) == ("aborted", 3)
@@ -48,6 +49,7 @@ def test_the_measured_stroke_stops_a_table_whose_command_stays_within_it(tmp_pat
     assert 0.97 * STROKE_M < np.abs(place_m).max() < STROKE_M and abs(place_m[-1]) < 1e-4
 
 
+@pytest.mark.campaign
 def test_without_the_sensor_it_runs_into_its_end_stop(tmp_path: Path) -> None:
     ended, _ = played(tmp_path, "log")
     assert (ended.status, ended.exit_code) == ("failed", 4) and "ran into its end stop" in ended.reason

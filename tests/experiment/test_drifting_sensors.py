@@ -12,6 +12,7 @@ import pytest
 from campaigns import drifting_sensor_runs
 from campaigns.drifting_rig import DriftingRig
 from campaigns.drifting_sensor_runs import Added, Played, faults, nothing, outcome_of, played
+from portfolio import parametrize_first
 
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.case.load import load_cases
@@ -47,6 +48,7 @@ def added(channel: int, offset_v: float, drift_v_per_s: float, *jumps: tuple[flo
     return Added(offset_v * one, drift_v_per_s * one, tuple((channel, at, by) for at, by in jumps))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("name", "given"),
     [
@@ -69,6 +71,7 @@ def test_errors_are_those_of_the_true_floors_and_the_channel_is_named(memory: Me
         assert said == [] and not run.found.any
 
 
+@pytest.mark.campaign
 def test_the_budget_puts_drift_on_the_sensors_and_not_on_the_specimen(memory: Memory) -> None:
     setup = setup_with("el_centro_low_ff_fb", COUPLED)
     clean = budget_of(played(setup, memory, nothing(3)))
@@ -100,6 +103,7 @@ def test_the_lowest_frequency_follows_filter_coupling_and_length() -> None:
     assert lowest_reliable_hz(short) == pytest.approx(0.125)
 
 
+@pytest.mark.campaign
 def test_the_file_of_a_real_run_has_the_errors_of_the_true_floors_and_names_the_channel(
     memory: Memory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -144,6 +148,7 @@ def test_the_file_of_a_real_run_has_the_errors_of_the_true_floors_and_names_the_
     assert shown[2, ~before].mean() == pytest.approx(5e-3 + 3.0 * MV_PER_MIN * (clock[~before].mean() + 2.0), abs=4e-4)
 
 
+@pytest.mark.campaign
 def test_a_run_that_a_jump_drives_to_its_stop_names_the_jump(memory: Memory) -> None:
     """Feedback follows a table sensor that jumps until the stroke ends: what is said of the sensor is the cause."""
     setup = setup_with("hachinohe_high_ff_fb", COUPLED, FEEDBACK)
@@ -168,7 +173,8 @@ class EndStop(DriftingRig):
         return samples + self.hits * np.array([0.05, 0.0, 0.0])
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("given", "beyond_m", "told"),
     [
         (added(0, 0.0, 0.0, (9.7, 50e-3)), 0.06, r"table jumps by (50|49\.\d|50\.\d) mV at 9\.70"),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.analysis.grade import changes_of, deviations_of
 from rths_cli.case.load import load_cases
@@ -60,7 +61,7 @@ def test_a_specimen_as_identified_has_a_bound_that_holds_and_no_finding(
     assert "hardly matters" not in verdict(result)
 
 
-@pytest.mark.parametrize("factor", [0.8, 1.15])
+@parametrize_first(1, "factor", [0.8, 1.15])
 def test_a_specimen_that_changed_since_its_identification_is_the_reference_s(
     tmp_path: Path, memory: Memory, record: str, factor: float
 ) -> None:
@@ -76,6 +77,7 @@ def test_a_specimen_that_changed_since_its_identification_is_the_reference_s(
     assert "THE SPECIMEN CHANGED since its identification: stiffness of storey" in verdict(result)
 
 
+@pytest.mark.campaign
 def test_another_specimen_than_declared_is_named_with_storey_and_sign(memory: Memory, record: str) -> None:
     """Declared 5 % stiffer in storey 3 than the one that was identified."""
     setup = make_setup(load_cases(["el_centro_low_ff_fb"], (*QUICK, f"record={record}"))[0])
@@ -93,6 +95,7 @@ def test_another_specimen_than_declared_is_named_with_storey_and_sign(memory: Me
     assert found.place == 3 and -7.0 < found.percent < -3.0 and found.error < 2.5
 
 
+@pytest.mark.campaign
 def test_a_motion_that_its_samples_hardly_show_is_no_changed_specimen(tmp_path: Path, memory: Memory) -> None:
     """A floor of 20 Hz on six soft storeys moves with the table; 12 bits round what is left."""
     numerical = "{masses_kg: [30, 25, 25, 20, 20, 15], stiffness_n_per_m: [3000, 3000, 2600, 2400, 2200, 2000]}"

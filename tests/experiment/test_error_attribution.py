@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from campaigns.budget_causes import CAUSES, Named, Switched, named_causes
+from portfolio import parametrize_first
 
 from rths_cli.analysis.error_attribution import Cause
 from rths_cli.experiment.error_budget_metrics import told_causes
@@ -16,7 +17,7 @@ SAMPLE = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SAMPLE)
+@parametrize_first(2, "name", SAMPLE)
 def test_what_was_switched_on_is_named_first(name: str, memory: Memory) -> None:
     found = named_causes(CAUSES[name], memory)
     assert found.error >= 0.03
@@ -31,6 +32,7 @@ def one_gain(memory: Memory) -> Named:
     return named_causes(CAUSES["gain of floor_2 +0.5 %"], memory)
 
 
+@pytest.mark.campaign
 def test_friction_that_is_countered_is_no_cause(memory: Memory) -> None:
     found = named_causes(Switched((), ""), memory)
     friction = next(cause for cause in found.causes if cause.names == ("friction",))

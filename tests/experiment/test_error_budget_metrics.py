@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.analysis.error_budget import (
     CAUSES,
@@ -80,6 +81,7 @@ def test_the_parts_add_up_to_the_measured_error(
         assert np.ndim(found_value) == (known[path].over == "storey")
 
 
+@pytest.mark.campaign
 def test_tracking_is_the_measured_one_and_its_parts_add_up(memory: Memory) -> None:
     """And friction is what the prediction makes of it: pushes of the command, each made from its own series."""
     setup = setup_with()
@@ -160,7 +162,7 @@ def test_a_softer_specimen_is_the_specimens_error(
         assert value(found, f"rms_error_{name}_m_s2") < 0.05 * roof
 
 
-@pytest.mark.parametrize(("gain", "late_s"), [(1.01, 0.0), (1.0, 5e-5), (0.98, -1e-4)])
+@parametrize_first(1, ("gain", "late_s"), [(1.01, 0.0), (1.0, 5e-5), (0.98, -1e-4)])
 def test_a_wrong_gain_and_delay_of_the_model_are_named(
     default: tuple[Values, np.ndarray, Identification], gain: float, late_s: float
 ) -> None:
@@ -175,6 +177,7 @@ def test_a_wrong_gain_and_delay_of_the_model_are_named(
     assert value(believed, "rms_error_rest_m_s2") < 0.5 * value(believed, "rms_error_model_m_s2")
 
 
+@pytest.mark.campaign
 def test_another_specimen_than_declared_is_the_declared_ones_error(memory: Memory) -> None:
     """SIM keeps the declared building: what it differs by from the identified one is stated by itself."""
     setup = setup_with()
@@ -195,6 +198,7 @@ def with_specimen(building: Building, specimen: Specimen) -> Building:
     return replace(building, specimen=specimen, **dict(zip("MCK", matrices, strict=True)))
 
 
+@pytest.mark.campaign
 def test_a_run_that_was_cut_or_a_loop_that_is_unstable_has_no_budget(memory: Memory) -> None:
     setup = setup_with("controller=none")
     identified = memory.identify(setup, lambda _: None)

@@ -37,6 +37,7 @@ def part(found: Values, name: str) -> np.ndarray:
     return np.asarray(found[f"budget.rms_error_{name}_m_s2"])
 
 
+@pytest.mark.campaign
 def test_friction_is_the_error_of_a_rig_as_identified(memory: Memory) -> None:
     found, named = budget_of(memory)
     error = np.asarray(found["exp_rths.rms_error_m_s2"])
@@ -46,6 +47,7 @@ def test_friction_is_the_error_of_a_rig_as_identified(memory: Memory) -> None:
     assert all((part(found, name) < 0.7 * part(found, "friction")).all() for name in CAUSES if name != "friction")
 
 
+@pytest.mark.campaign
 def test_a_softer_specimen_is_told(memory: Memory) -> None:
     found, named = budget_of(memory, f"{CHANGED}specimen_stiffness_factor=0.97")
     error = np.asarray(found["exp_rths.rms_error_m_s2"])

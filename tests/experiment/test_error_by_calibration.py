@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.analysis.true_error import Sensitivities
 from rths_cli.case.load import load_cases
@@ -18,6 +19,8 @@ from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
 from rths_cli.numerics.lti import Array
+
+pytestmark = pytest.mark.campaign
 
 CERTAIN = "table.uncertainty={corner: 0, skew_s: 0, mass: 0, drift: 0}"
 QUICK = ("sample_rate_hz=1000", "identification.duration_s=60", "runs=[sim, sim_delay, exp_rths]")
@@ -49,7 +52,8 @@ def true_error(path: Path, memory: Memory, *settings: str) -> Array:
     return np.asarray(read_result(path).metrics["exp_rths.true_reference_rms_error_m_s2"])
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("stated", "places", "off", "within"),
     [
         ("gain_error=0.005", GAIN, np.log(1.005), 0.1),
@@ -72,6 +76,7 @@ def test_an_error_of_the_calibration_costs_what_is_expected(
     np.testing.assert_allclose(expected, np.sqrt(wrong**2 - right**2), rtol=within)
 
 
+@pytest.mark.campaign
 def test_sensors_and_masses_that_differ_more_than_declared_are_told(memory: Memory) -> None:
     """Larger differences than these are refused, as a wrong number in a file."""
     declared = ("table.sensors.sensitivity_uncertainty=0.004", "table.uncertainty.mass=0.001")
@@ -89,6 +94,7 @@ def test_sensors_and_masses_that_differ_more_than_declared_are_told(memory: Memo
     assert not any("differ" in told for told in memory.identify(ordinary, lambda _: None).verdict.warnings)
 
 
+@pytest.mark.campaign
 def test_pitch_is_seen_and_costs_what_is_expected(tmp_path: Path, memory: Memory) -> None:
     """The rig's equations of motion hold the weight along the pitched floors and the base's inertia, too."""
     pitches = ("table.imperfections.pitch.frequency_hz=30", "table.imperfections.pitch.storey_height_m=0.2")
@@ -107,6 +113,7 @@ def test_pitch_is_seen_and_costs_what_is_expected(tmp_path: Path, memory: Memory
     assert np.all(went_wrong < np.asarray(result["check.true_error_bound_m_s2"]))
 
 
+@pytest.mark.campaign
 def test_a_model_of_a_certain_rig_gets_the_bound_of_the_uncertainties_that_the_rig_states(
     tmp_path: Path, memory: Memory
 ) -> None:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
 from rths_cli.analysis.identified_rig_block import identified_rig
@@ -106,7 +107,8 @@ def test_a_usual_feedback_that_is_of_no_use_is_told_so(bare: Identification, mon
     assert "the usual feedback is of no use on this table; chosen instead: disturbance_hz: [1, 12]" in told
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("stated", "weights"),
     [
         ("command_weight: 0.01", DEFAULT),
@@ -170,6 +172,7 @@ def test_a_feedback_of_no_use_is_not_made_gentler(below: float, limits: list[flo
     assert [limit for weights, limit in tries.asked if weights == FIRMER[1]] == limits
 
 
+@pytest.mark.campaign
 def test_where_no_choice_is_safe_the_usual_feedback_and_its_refusal_stay(
     bare: Identification, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -182,7 +185,7 @@ def test_where_no_choice_is_safe_the_usual_feedback_and_its_refusal_stay(
     assert pickle.dumps(found.blocks) == pickle.dumps(stated.blocks)
 
 
-@pytest.mark.parametrize(("missed", "told"), [(0.24, "misses the measured response by 0.24"), (0.005, "peak of 1.001")])
+@parametrize_first(1, ("missed", "told"), [(0.24, "misses the measured response by 0.24"), (0.005, "peak of 1.001")])
 def test_the_printed_method_names_its_own_model_where_that_is_wrong(
     default_setup: Setup, default_identification: Identification, missed: float, told: str
 ) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from itertools import islice
 from pathlib import Path
 
+import pytest
 from campaigns.few_bits import laboratory, summary
 
 SHORT = 1, 5  # a laboratory of 15 bits, and how many of its tests
 
 
+@pytest.mark.campaign
 def test_a_motion_of_a_few_bits_is_predicted_and_its_bound_holds(tmp_path: Path) -> None:
     rows = list(islice(laboratory(SHORT[0], tmp_path), SHORT[1]))
     played = [row for row in rows if not row.refused]

@@ -32,6 +32,7 @@ def with_held_out(found: Identification, share: float | None) -> Identification:
     return replace(found, friction=replace(found.friction, held_out=share))
 
 
+@pytest.mark.campaign
 def test_a_small_motion_with_friction_is_as_accurate_as_one_without(tmp_path: Path, memory: Memory) -> None:
     """Independent of the design: errors of the true accelerations, and those that the check has predicted."""
     setup = setup_of("runs=[sim, sim_delay, exp_rths]", ON, *SMALL)

@@ -15,6 +15,7 @@ import scipy.fft
 import scipy.io
 import scipy.signal
 from nptdms import ChannelObject, TdmsWriter
+from portfolio import parametrize_first
 
 from rths_cli.case.load import load_cases
 from rths_cli.cli import entry_point
@@ -134,7 +135,7 @@ def later(values: Array, samples: float) -> Array:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("samples", [0.2, 3.0, 50.0])
+@parametrize_first(1, "samples", [0.2, 3.0, 50.0])
 def test_channels_that_state_later_starts_give_the_same_delay(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup, samples: float
 ) -> None:
@@ -182,7 +183,7 @@ def as_hdf5(recording: Recording) -> list[str]:
     return ["--data", "d.hdf5", "--rate", "2000", *(word for role in roles for word in ("--channel", role))]
 
 
-@pytest.mark.parametrize("writer", [as_csv, as_mat, as_hdf5])
+@parametrize_first(1, "writer", [as_csv, as_mat, as_hdf5])
 def test_other_forms_and_units_give_the_model_of_the_rig(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup, writer: Callable[[Recording], list[str]]
 ) -> None:
@@ -191,6 +192,7 @@ def test_other_forms_and_units_give_the_model_of_the_rig(
     assert worst(model(setup), made[0]) < 1e-6
 
 
+@pytest.mark.campaign
 def test_voltages_of_sensors_are_corrected_for_their_dynamics(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup
 ) -> None:
@@ -211,6 +213,7 @@ def test_voltages_of_sensors_are_corrected_for_their_dynamics(
     assert np.abs(raw / wanted - 1.0).max() > 5e-3  # 11 Hz through a corner at 1549 Hz
 
 
+@pytest.mark.campaign
 def test_two_files_are_averaged(identify: Identify, made: tuple[Identification, Recording], setup: Setup) -> None:
     random = np.random.default_rng(5)
     for name in ("one.h5", "two.h5"):
@@ -271,7 +274,8 @@ def incoherent(x: Array) -> Array:
     return x
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("change", "words"),
     [
         (lost, ("5 % of the record", "floor_3: ", "samples are missing")),
@@ -302,6 +306,7 @@ def test_a_fault_of_the_data_is_named_and_gives_no_model(
     assert all(word in " ".join(map(str, document["reasons"])) for word in words)  # type: ignore[call-overload]
 
 
+@pytest.mark.campaign
 def test_hum_is_named_and_harms_no_model(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup
 ) -> None:
@@ -318,6 +323,7 @@ def test_hum_is_named_and_harms_no_model(
     assert np.abs(error).max() < 2e-3
 
 
+@pytest.mark.campaign
 def test_isolated_missing_samples_are_bridged_with_a_note(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup
 ) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 
 import rths_cli
 from rths_cli import InputError
@@ -55,7 +56,7 @@ def held(path: Path) -> dict[str, np.ndarray]:
     return found
 
 
-@pytest.mark.parametrize("series", KEPT_SERIES)
+@parametrize_first(1, "series", KEPT_SERIES)
 def test_a_minute_is_no_larger_than_promised(results: dict[str, Path], series: str) -> None:
     samples = read_series(results["all"], "record/time_s").size
     fixed = results["none"].stat().st_size + (_rest_bytes(results["all"]) if series == "all" else 0)
@@ -109,7 +110,7 @@ def test_the_response_is_read_or_computed_to_the_same_numbers(results: dict[str,
         assert one == pytest.approx(other, abs=3e-7 * abs(one).max())
 
 
-@pytest.mark.parametrize("series", ["essential", "none"])
+@parametrize_first(1, "series", ["essential", "none"])
 def test_figures_and_pages_say_what_is_not_kept(results: dict[str, Path], series: str, tmp_path: Path) -> None:
     said: list[str] = []
     found = read_result(results[series])

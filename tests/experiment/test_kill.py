@@ -13,9 +13,10 @@ import pytest
 TREE = Path(__file__).parents[2]
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
 def test_what_ten_killed_runs_leave_opens_and_holds_their_samples() -> None:
-    words = [sys.executable, str(TREE / "benchmarks" / "kill.py"), "--json", "10"]
+    words = [sys.executable, str(TREE / "benchmarks" / "kill.py"), "--json", "--count", "10"]
     environment = {**os.environ, "PYTHONPATH": str(TREE)}
     done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=120, check=False)
     trials = json.loads(done.stdout)

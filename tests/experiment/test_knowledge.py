@@ -84,6 +84,7 @@ def test_the_same_channels_under_other_physics_change_no_byte(
         )
 
 
+@pytest.mark.campaign
 def test_other_channels_change_the_controller(
     recorded: tuple[np.ndarray, np.ndarray, Parts],
 ) -> None:

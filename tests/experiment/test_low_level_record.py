@@ -64,6 +64,7 @@ def dashpot(command_v: float, scale_m_s: float, rms_m_s: float) -> float:
     return float(command_v * np.sum(weight * np.tanh(v / scale_m_s) * v) / np.sum(weight * v**2))
 
 
+@pytest.mark.campaign
 def test_the_levels_of_a_lowered_excitation_show_friction(
     lowered: tuple[Setup, Measured, list[str]], found: Identification
 ) -> None:
@@ -83,6 +84,7 @@ def test_the_levels_of_a_lowered_excitation_show_friction(
         assert abs(band.ratio - 1.0) > 5.0 * band.error
 
 
+@pytest.mark.campaign
 def test_a_verification_is_played_at_the_level_with_which_it_is_compared(
     lowered: tuple[Setup, Measured, list[str]], found: Identification
 ) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.io
 import yaml
+from portfolio import parametrize_first
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
@@ -95,7 +96,8 @@ def test_an_unchanged_rig_passes_and_file_and_age_are_written_down(
     assert np.asarray(result.metrics["exp_rths.rms_error_m_s2"]) == pytest.approx(errors, abs=0.0)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("change", "word"),
     [
         (f"{AFTER}.specimen_stiffness_factor=0.85", "specimen mode 1 is at 2.95"),
@@ -113,6 +115,7 @@ def test_what_changed_since_is_found_and_named(tmp_path: Path, file: Path, chang
     assert "exp_rths.rms_error_m_s2" not in result.metrics
 
 
+@pytest.mark.campaign
 def test_a_changed_rig_runs_when_overridden_and_the_result_says_all(tmp_path: Path, file: Path) -> None:
     setup = setup_of(file, f"{AFTER}.specimen_stiffness_factor=0.85", overrides=("model",))
     ended, result = run(tmp_path / "r.h5", setup)
@@ -123,7 +126,7 @@ def test_a_changed_rig_runs_when_overridden_and_the_result_says_all(tmp_path: Pa
     assert "specimen mode 1 is at 2.95" in result.attributes["warnings"]
 
 
-@pytest.mark.parametrize("change", ["specimen_stiffness_factor=0.999", "coulomb_factor=1.5", "payload_factor=1.001"])
+@parametrize_first(1, "change", ["specimen_stiffness_factor=0.999", "coulomb_factor=1.5", "payload_factor=1.001"])
 def test_what_hardly_changed_passes(file: Path, change: str) -> None:
     known = Memory().known(setup_of(file, f"{AFTER}.{change}"), no_progress)
     assert known.reasons == ()
@@ -180,6 +183,7 @@ def as_mat(path: Path, model: Model) -> Path:
     return path
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("kind", ["yaml", "yaml without ripple", "mat"])
 def test_the_model_brought_along_runs_like_the_one_identified_here(
     tmp_path: Path, certain: tuple[Model, np.ndarray], kind: str
@@ -202,6 +206,7 @@ def test_the_model_brought_along_runs_like_the_one_identified_here(
     assert result.attributes["model_source"].endswith(f"{path.name}, judged by a record made now")
 
 
+@pytest.mark.campaign
 def test_a_gain_wrong_by_5_percent_is_rejected(tmp_path: Path, default_identification: Identification) -> None:
     path = as_yaml(tmp_path / "given.yaml", default_identification.best, gain=1.05)
     ended, result = run(tmp_path / "r.h5", setup_of(path))
@@ -219,6 +224,7 @@ def test_a_model_without_the_double_zero_is_no_table(
         Memory().prepare(setup_of(path))
 
 
+@pytest.mark.campaign
 def test_method_paper_says_that_it_cannot_use_a_model_that_is_not_square(
     tmp_path: Path, default_identification: Identification
 ) -> None:

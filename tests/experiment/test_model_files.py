@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 import pytest
 from declared_contents import model_faults
+from portfolio import parametrize_first
 
 from rths_cli.case import plugin_rig_names
 from rths_cli.case.load import load_cases
@@ -101,6 +102,7 @@ def test_a_model_keeps_the_pitch_of_the_base(
     np.testing.assert_array_equal(kept.stiffness_ratio, [1.005, 0.998])
 
 
+@pytest.mark.campaign
 def test_a_model_of_a_rig_that_was_certain_drives_one_that_is_uncertain_by_default_and_not_the_other_way_round(
     file: Path, tmp_path: Path, memory: Memory, default_setup: Setup
 ) -> None:
@@ -434,7 +436,8 @@ def of_another_rig(path: Path, found: Identification) -> None:
     save(path, setup_of("table.physics.coulomb_n=0.9"), found, "", "")
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     "spoil",
     [
         lambda path, _: path.write_bytes(path.read_bytes()[:-100]),

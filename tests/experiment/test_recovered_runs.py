@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from declared_contents import declaration_faults
+from portfolio import parametrize_first
 from python_models import Inverse, Storeys
 
 from rths_cli.case.load import load_cases, resolved_yaml
@@ -135,7 +136,7 @@ def _elsewhere(resolved: str, folder: str, gone: str) -> str:
     return resolved.replace("\nidentification:\n", IDENTIFIED).replace(folder, gone)
 
 
-@pytest.mark.parametrize("present", [True, False], ids=["result begun", "no result"])
+@parametrize_first(1, "present", [True, False], ids=["result begun", "no result"])
 def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path: Path, present: bool) -> None:
     result = tmp_path / "a.h5"
     if present:
@@ -367,6 +368,7 @@ def feedforward(designed: Block) -> PythonFeedforward:
     return PythonFeedforward("inverse", lambda: Logging(designed), designed, (Logged("gain", "m/V"),))
 
 
+@pytest.mark.campaign
 def test_what_parts_of_ones_own_log_is_recovered(tmp_path: Path, memory: Memory) -> None:
     """With names and units, each on its own clock; a log that names nothing numbers its columns."""
     (tmp_path / "whole").mkdir()
@@ -391,6 +393,7 @@ def test_what_parts_of_ones_own_log_is_recovered(tmp_path: Path, memory: Memory)
             assert np.ptp(got["part_values"][0]) > 1e-6 and (got["part_values"][1] == 3.0).all()
 
 
+@pytest.mark.campaign
 def test_a_whole_run_of_storeys_of_ones_own_gets_no_figures(tmp_path: Path, memory: Memory) -> None:
     """SIM is that of a building that only the caller's program knows; other parts leave it the case's."""
     for name, parts, known in (("own", {"numerical": storeys}, False), ("other", {"feedforward": feedforward}, True)):

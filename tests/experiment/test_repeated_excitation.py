@@ -45,6 +45,7 @@ def test_the_lost_record_alone_is_repeated(monkeypatch: pytest.MonkeyPatch) -> N
     assert [text.rpartition(", ")[2] for text in said if text.endswith("3")] == ["attempt 2 of 3", "attempt 3 of 3"]
 
 
+@pytest.mark.campaign
 def test_it_is_not_repeated_for_ever_nor_for_another_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     played = stopping(monkeypatch, [LOST] * 9)
     with pytest.raises(SamplesLost, match=f"{MOST_PLAYED} attempts ended so"):

@@ -135,6 +135,7 @@ def test_a_limit_stops_the_run_and_the_file_says_so(tmp_path: Path, memory: Memo
         assert short[-1] == pytest.approx(0.0, abs=1e-3)  # back at rest
 
 
+@pytest.mark.campaign
 def test_the_table_as_delivered_is_stopped_by_a_limit_because_the_loop_is_unstable(
     tmp_path: Path, memory: Memory
 ) -> None:
@@ -150,6 +151,7 @@ def test_accept_limits_judge_the_figures_by_their_path(tmp_path: Path, memory: M
     assert read_result(tmp_path / "b.h5").attributes["status"] == "complete"
 
 
+@pytest.mark.campaign
 def test_interface_mass_on_the_table_is_carried_through(tmp_path: Path, memory: Memory) -> None:
     ended = run(tmp_path / "m.h5", memory, "structure.interface_experimental_mass_kg=1.7", "runs=[sim_delay, exp_rths]")
     assert ended.exit_code == 0, ended.reason
@@ -158,6 +160,7 @@ def test_interface_mass_on_the_table_is_carried_through(tmp_path: Path, memory: 
     assert np.all(ratio < 0.02), ratio
 
 
+@pytest.mark.campaign
 def test_a_specimen_that_differs_from_the_declared_one_is_named(tmp_path: Path, memory: Memory) -> None:
     assert not any("differs" in warning for warning in run(tmp_path / "w.h5", memory, "runs=[exp_rths]").warnings)
     setup = make_setup(load_cases([CASE])[0])
@@ -218,6 +221,7 @@ def test_an_accepted_figure_that_cannot_be_is_refused_before_the_run(path: str, 
         make_setup(load_cases([CASE], (f"accept={{'{path}': 1}}",))[0])
 
 
+@pytest.mark.campaign
 def test_a_storey_that_a_figure_does_not_have_fails_the_limit_not_the_run(tmp_path: Path, memory: Memory) -> None:
     ended = run(tmp_path / "x.h5", memory, "runs=[exp_rths]", "accept={'identification.damping_ratio[3]': 1}")
     assert ended.exit_code == 1 and "2 values" in ended.reason
@@ -242,6 +246,7 @@ def test_the_stored_blocks_reproduce_the_base_shear(whole: Path) -> None:
     assert_allclose(gain @ inputs, shear[2:], rtol=0, atol=1e-9 * np.abs(shear).max())
 
 
+@pytest.mark.campaign
 def test_a_feedback_slower_than_asked_is_named(tmp_path: Path, memory: Memory) -> None:
     ended = run(tmp_path / "f.h5", memory, "runs=[exp_rths]", "controller={kind: FF+FB, feedback_bandwidth_hz: 900}")
     assert any("900 Hz asked" in warning for warning in ended.warnings)
@@ -255,6 +260,7 @@ def test_estimated_floors_are_near_the_measured_ones(whole: Path) -> None:
             assert np.std(estimated - measured, axis=1) == pytest.approx([0.0, 0.0], abs=0.02 * measured.std())
 
 
+@pytest.mark.campaign
 def test_what_changes_after_identification_changes_the_shake_table_test_too(tmp_path: Path, memory: Memory) -> None:
     run(tmp_path / "0.h5", memory, "runs=[shake_table]")
     run(tmp_path / "1.h5", memory, "runs=[shake_table]", "table.after_identification.coulomb_factor=3")
@@ -310,6 +316,7 @@ def test_the_structural_response_is_that_of_the_series_in_the_file(whole: Path) 
 PEAKS = ("abs_accel_m_s2", "rel_disp_m", "inter_storey_drift_m", "storey_shear_n")
 
 
+@pytest.mark.campaign
 def test_heights_give_drift_ratios_and_must_be_of_every_storey(tmp_path: Path, memory: Memory) -> None:
     ended = run(tmp_path / "one.h5", memory, "structure.heights_m=[3.0, 2.5, 2.0]", "runs=[sim]")
     values = read_result(tmp_path / "one.h5").metrics

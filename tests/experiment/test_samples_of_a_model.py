@@ -136,6 +136,7 @@ def test_a_sample_with_an_unstable_loop_makes_the_verdict_unstable_and_says_how_
     assert not isinstance(limit, Interval) and figures["check.largest_scaling"] == 0.0
 
 
+@pytest.mark.campaign
 def test_a_record_too_large_for_some_samples_is_unsafe_in_the_words_of_the_worst(
     identified: Identification,
 ) -> None:
@@ -242,6 +243,7 @@ def test_files_that_are_no_samples_are_refused_before_anything_moves(files: dict
     Memory().prepare(setup_with((files["rejected"],), named, overrides=("model",)))
 
 
+@pytest.mark.campaign
 def test_check_and_run_from_python_judge_every_sample(files: dict[str, Path], tmp_path: Path) -> None:
     settings = {"identification.model": files["nominal"], "runs": ["exp_rths"]}
     plain = rths_cli.check(CASE, settings=settings)

@@ -148,6 +148,7 @@ def test_a_record_that_is_compressed_by_hand_gives_the_same_run(tmp_path: Path) 
         assert np.array_equal(getattr(sim(ours), name), getattr(sim(other), name))
 
 
+@pytest.mark.campaign
 def test_a_hybrid_test_of_a_scaled_case_is_that_with_the_compressed_record(tmp_path: Path, memory: Memory) -> None:
     """Every dataset of both files has the same bytes, those of the loop and the check included."""
     record = read_accelerogram(RECORD)

@@ -93,6 +93,7 @@ def commanded(late: Late, command_v: float, sequence: int) -> tuple[int, int]:
     return late.send(packets.COMMAND, sequence, struct.pack("<d", command_v))
 
 
+@pytest.mark.campaign
 def test_a_server_held_up_gives_the_samples_of_each_command_s_own_instant(late: Late, served: ServedRig) -> None:
     """Commands wait for longer than the watchdog bears; table and answers are as if they had been read at once."""
     commands = wave(80)
@@ -118,6 +119,7 @@ def test_a_server_held_up_gives_the_samples_of_each_command_s_own_instant(late: 
     assert np.ptp(samples) > 1000 * served.setup.rig.converters.step_v
 
 
+@pytest.mark.campaign
 def test_without_any_command_the_watchdog_still_bites(late: Late) -> None:
     late.send(packets.ARM, 0, bytes(40))
     commanded(late, 0.5, 1)
@@ -142,6 +144,7 @@ def answers(late: Late) -> list[int]:
     return kinds
 
 
+@pytest.mark.campaign
 def test_at_rest_each_hello_is_answered_but_a_flood_waits(late: Late) -> None:
     """After each batch the server sleeps until the batch's time is over; nothing of any HELLO is kept."""
     before = [late.door.session[i] for i in (udp_target.STATE, udp_target.SEQUENCE)], late.door.key.copy()
@@ -156,6 +159,7 @@ def test_at_rest_each_hello_is_answered_but_a_flood_waits(late: Late) -> None:
     assert np.array_equal(before[1], late.door.key)
 
 
+@pytest.mark.campaign
 def test_in_motion_a_hello_is_refused_and_more_than_one_in_a_millisecond_are_not_answered(late: Late) -> None:
     late.send(packets.ARM, 0, bytes(40))
     late.serve()

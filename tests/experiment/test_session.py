@@ -84,6 +84,7 @@ def test_the_drift_of_a_laboratory_is_found_by_the_record(laboratory: tuple[Setu
     assert np.all(error[1:] < 1e-4) and np.all(np.abs(found - true)[1:] < 3.0 * error[1:])
 
 
+@pytest.mark.campaign
 def test_the_bound_counts_what_is_left_of_the_drift(
     laboratory: tuple[Setup, Memory, Path, list[str]], quick: tuple[str, ...]
 ) -> None:
@@ -97,6 +98,7 @@ def test_the_bound_counts_what_is_left_of_the_drift(
     assert memory.known(setup, lambda _: None).found.session is not None
 
 
+@pytest.mark.campaign
 def test_a_converter_that_acts_later_than_at_the_identification_is_found(tmp_path: Path, memory: Memory) -> None:
     """100 us between the converters, on a stiff table: the alias of the held command is another."""
     ratios, runs = {}, "runs=[sim, sim_delay, exp_rths]"
@@ -116,6 +118,7 @@ def test_a_converter_that_acts_later_than_at_the_identification_is_found(tmp_pat
     assert "converters act at other instants" in read_result(tmp_path / "usual.h5").attributes["warnings"]
 
 
+@pytest.mark.campaign
 def test_what_is_no_drift_is_told_and_not_taken_up(memory: Memory) -> None:
     setup = setup_of("runs=[sim, sim_delay, exp_rths]")
     known = memory.identify(setup, lambda _: None)
@@ -133,6 +136,7 @@ def test_what_is_no_drift_is_told_and_not_taken_up(memory: Memory) -> None:
     assert found is known and "samples are lost" in told
 
 
+@pytest.mark.campaign
 def test_a_rig_that_has_not_changed_loses_nothing_by_the_record(tmp_path: Path, memory: Memory) -> None:
     ratios = []
     for asked in ("always", "never"):
@@ -142,6 +146,7 @@ def test_a_rig_that_has_not_changed_loses_nothing_by_the_record(tmp_path: Path, 
     assert ratios[0] == pytest.approx(ratios[1], rel=0.02) and ratios[0] <= 0.012
 
 
+@pytest.mark.campaign
 def test_the_record_that_verifies_a_model_file_is_that_of_the_session(tmp_path: Path, memory: Memory) -> None:
     setup, path, said = setup_of("runs=[exp_rths]"), tmp_path / "table.h5", list[str]()
     save(path, setup, memory.identify(setup, lambda _: None), "made for this test", "0" * 64)
@@ -152,6 +157,7 @@ def test_the_record_that_verifies_a_model_file_is_that_of_the_session(tmp_path: 
     assert found[0].session is not None and found[0].session.ripple_m_s2_per_v == pytest.approx(2.5, abs=0.1)
 
 
+@pytest.mark.campaign
 def test_a_verification_is_judged_with_the_gains_of_its_session(
     laboratory: tuple[Setup, Memory, Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -176,6 +182,7 @@ def test_a_verification_is_judged_with_the_gains_of_its_session(
 CHANGED = SessionChange(np.array([0.0, 0.004, -0.003]), np.zeros(3), 0.0, 1e-10 * np.eye(7), 1.0)
 
 
+@pytest.mark.campaign
 def test_runs_of_a_case_are_in_one_session() -> None:
     setup = setup_of("table=aps400_laboratory", "seed=4", "identification.seed=2")
     assert session_of(setup, (IDENTIFICATION,), 2) == session_of(setup, (PROBE, 1), 2) == (2, IDENTIFICATION)
@@ -186,6 +193,7 @@ def test_runs_of_a_case_are_in_one_session() -> None:
     assert session_of(alone, (EXP_RTHS,), 9) == (9, EXP_RTHS)
 
 
+@pytest.mark.campaign
 def test_a_row_of_a_sweep_has_the_metrics_of_the_run(
     laboratory: tuple[Setup, Memory, Path, list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,6 +207,7 @@ def test_a_row_of_a_sweep_has_the_metrics_of_the_run(
     assert session_of(other, (EXP_RTHS,), 5) == session_of(setup, (EXP_RTHS,), 5)
 
 
+@pytest.mark.campaign
 def test_a_row_of_a_drifting_laboratory_is_run_in_the_session_of_its_sweep(
     laboratory: tuple[Setup, Memory, Path, list[str]],
     quick: tuple[str, ...],

@@ -36,6 +36,7 @@ def play(path: Path, settings: tuple[str, ...], memory: Memory, shared: SharedVa
     return found
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("of", "varied"),
     [
@@ -69,6 +70,7 @@ def test_a_case_has_the_same_bytes_beside_those_that_differ_in_one_key(
 STABILITIES = ["stability"] * 3  # of the specimen as identified, and at both ends of its stiffness
 
 
+@pytest.mark.campaign
 def test_what_two_cases_have_in_common_is_made_once(
     tmp_path: Path, memory: Memory, monkeypatch: pytest.MonkeyPatch
 ) -> None:

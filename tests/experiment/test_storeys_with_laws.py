@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from docs_running import shortened
+from portfolio import parametrize_first
 from scipy.integrate import cumulative_trapezoid
 
 import rths_cli
@@ -60,7 +61,7 @@ def energy_left(result: Any) -> float:
     return float(np.abs(left).max() / np.abs(put).max())
 
 
-@pytest.mark.parametrize("name", LAWS)
+@parametrize_first(1, "name", LAWS)
 def test_a_hybrid_test_follows_sim_of_a_yielding_storey(name: str) -> None:
     """What SIM computes by events is what the step, table and specimen do: within 0.6 % in every storey."""
     result = rths_cli.run(case(LAWS[name]))

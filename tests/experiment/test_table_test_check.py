@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns.judged_run_trials import tried
+from portfolio import parametrize_first
 
 from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
 from rths_cli.case.load import load_cases
@@ -39,7 +40,7 @@ def louder(setup: Setup, identified: Identification, factor: float) -> Verdict:
     return verdict_on(setup, Known(identified, "test"), False, design)
 
 
-@pytest.mark.parametrize("method", ["best", "paper"])  # paper: its leaky inverse has a double root slower than a record
+@parametrize_first(1, "method", ["best", "paper"])  # paper: its leaky inverse has a double root slower than a record
 def test_peaks_are_those_of_the_table(
     default_setup: Setup, default_identification: Identification, method: str
 ) -> None:
@@ -98,6 +99,7 @@ def test_excitations_are_judged_by_their_command(default_setup: Setup, default_i
         excite(default_setup, 0.95 * default_setup.rig.converters.range_v * command / np.abs(command).max())
 
 
+@pytest.mark.campaign
 def test_random_runs_move_as_planned(tmp_path: object) -> None:
     """The short form of benchmarks/judged_runs.py: what is not refused keeps to its plan, with the true motion."""
     trial = tried(SHORT_SEED, tmp_path)  # type: ignore[arg-type]

@@ -44,6 +44,7 @@ def laboratory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.campaign
 def test_eight_channels_are_identified_run_and_recorded(laboratory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Samples that were lost, on a machine that is busy, are left out of the comparison.
 

@@ -219,6 +219,7 @@ def test_a_rig_that_cannot_be_identified_is_not_the_first_reason(
     assert ended.exit_code == 4 and ended.reason == "; ".join(checked.reasons)
 
 
+@pytest.mark.campaign
 def test_a_rejected_model_is_not_the_first_reason(tmp_path: Path, default_identification: Identification) -> None:
     setup = setup_of(case_of(tmp_path, MISTAKES["masses in t"][0]))
     known = Known(default_identification, "test", ("the specimen has changed",))

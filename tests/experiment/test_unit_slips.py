@@ -16,6 +16,7 @@ RIGHT = 40  # benchmarks/unit_slips.py draws 200
 CASE = "el_centro_low_ff_fb"
 
 
+@pytest.mark.campaign
 def test_slips_by_a_prefix_are_noticed_and_most_others(tmp_path: Path) -> None:
     found = list(fates({"right_1": bases(2)["right_1"]}, tmp_path))
     missed = [(fate.slip.key, fate.slip.factor) for fate in found if fate.found == "silent"]

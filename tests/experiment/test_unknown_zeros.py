@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hybrid import open_limits
+from portfolio import parametrize_first
 
 from rths_cli.analysis.stability_check import SAFE, Strays, reach, strays
 from rths_cli.case.load import load_cases
@@ -46,7 +47,7 @@ def case_of(identified: Identification, corner_hz: float = 0.024) -> tuple[Setup
     return setup, judge(setup, identified, design), play
 
 
-@pytest.mark.parametrize("corner_hz", [0.05, 0.3])
+@parametrize_first(1, "corner_hz", [0.05, 0.3])
 def test_an_offset_moves_the_command_as_far_as_the_check_says(
     default_identification: Identification, corner_hz: float
 ) -> None:
@@ -65,6 +66,7 @@ def test_an_offset_moves_the_command_as_far_as_the_check_says(
     assert strays(replace(silent, noise_m_s2=bits), stability).aside_v < 1e-3 * found.aside_v
 
 
+@pytest.mark.campaign
 def test_noise_moves_the_command_as_fast_as_the_check_says(default_identification: Identification) -> None:
     """Normal noise in all channels; the peak of 100,000 differences is within a tenth of what independent ones have.
     Rounding errors are bounded: their peak is less."""
@@ -113,6 +115,7 @@ def with_offsets(case: dict[str, object], offsets_v: list[float], folder: Path, 
     return make_setup(load_cases([path])[0])
 
 
+@pytest.mark.campaign
 def test_a_record_in_motion_shows_what_the_zeros_at_rest_are_off_by(tmp_path: Path) -> None:
     """12 bits of 4.9 mV: the zeros at rest are 0, one and no bit, the channels' offsets 1.5, 3.2 and -0.7 mV."""
     offsets_v = [0.0015, 0.0032, -0.0007]
@@ -126,6 +129,7 @@ def test_a_record_in_motion_shows_what_the_zeros_at_rest_are_off_by(tmp_path: Pa
     assert known is not None and known.zero_m_s2 == pytest.approx(shown)
 
 
+@pytest.mark.campaign
 def test_a_test_goes_aside_as_far_as_its_zeros_were_seen_to_be_off(tmp_path: Path) -> None:
     """The mean command of a run on the virtual table, whose sensor's offset is a fifth of a bit, against the check."""
     building = {

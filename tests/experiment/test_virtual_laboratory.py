@@ -106,6 +106,7 @@ def test_a_laboratory_can_be_served() -> None:
     assert table.noise.shape[1] == 8
 
 
+@pytest.mark.campaign
 def test_a_laboratory_with_all_imperfections_at_zero_has_the_bytes_of_the_exact_one(tmp_path: Path) -> None:
     """What only shapes an imperfection is stated all the same, the number of the laboratory too."""
     time_s = np.arange(0.0, 6.0, 0.01)

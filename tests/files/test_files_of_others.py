@@ -109,6 +109,7 @@ def test_a_file_that_others_read_is_read_beside_them(tmp_path: Path, kind: str) 
         reader.stdin.close()
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("number", ["ENOLCK", "ENOSYS", "EOPNOTSUPP"])
 def test_a_storage_without_locks_is_read_without_one(tmp_path: Path, number: str) -> None:
     """The system call that locks a file fails in the process that reads, as on such a storage."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.errors import InputError
 from rths_cli.files import hdf5_heaps
@@ -153,7 +154,7 @@ DAMAGES: dict[str, tuple[Edit, str]] = {
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
+@parametrize_first(10, "damage", DAMAGES)
 def test_a_file_that_is_not_what_it_must_be_is_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: str
 ) -> None:

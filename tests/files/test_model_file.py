@@ -256,6 +256,7 @@ for k in range(10**9):
 """
 
 
+@pytest.mark.campaign
 def test_a_killed_writer_leaves_the_old_model_or_the_new_one(tmp_path):
     path, random = tmp_path / "m.h5", np.random.default_rng(1)
     for _ in range(4):

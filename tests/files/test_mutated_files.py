@@ -38,6 +38,7 @@ def _fail() -> None:
     os.abort()
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_damaged_file_is_read_or_refused_by_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str

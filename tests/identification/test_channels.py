@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from made_linear import DT, Linear, linear
 from made_records import make_specimen
+from portfolio import parametrize_first
 from scipy import signal
 
 from rths_cli.control import sensor_correction
@@ -54,8 +55,8 @@ def names(made: Linear) -> list[str]:
     return [channel.name for channel in made.info.channels]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("floors", "ratio"), [(1, 0.005), (2, 0.005), (3, 0.005), (1, 0.05), (2, 0.05), (3, 0.05)])
+@parametrize_first(6, "kind", KINDS)
+@parametrize_first(6, ("floors", "ratio"), [(1, 0.005), (2, 0.005), (3, 0.005), (1, 0.05), (2, 0.05), (3, 0.05)])
 def test_clean_records_have_no_fault(floors: int, ratio: float, kind: Kind) -> None:
     made = clean(floors, ratio, kind)
     assert faults(made) == []
@@ -75,8 +76,8 @@ def test_uneven_damping_is_no_fault(stiffness: tuple[float, ...], ratios: tuple[
     assert faults(linear(make_specimen(stiffness, ratios))) == []
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("floors", [1, 2, 3])
+@parametrize_first(1, "kind", KINDS)
+@parametrize_first(1, "floors", [1, 2, 3])
 def test_every_pair_of_swapped_channels_is_named(floors: int, kind: Kind) -> None:
     made = clean(floors, kind=kind)
     for one, other in combinations(range(floors + 1), 2):
@@ -87,8 +88,8 @@ def test_every_pair_of_swapped_channels_is_named(floors: int, kind: Kind) -> Non
         assert f"channels {names(made)[one]} and {names(made)[other]}: they look swapped" in found[0]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("floors", [1, 2, 3])
+@parametrize_first(1, "kind", KINDS)
+@parametrize_first(1, "floors", [1, 2, 3])
 def test_only_the_reversed_channel_is_named(floors: int, kind: Kind) -> None:
     made = clean(floors, kind=kind)
     for index, name in enumerate(names(made)):
@@ -108,8 +109,8 @@ def stated(fault: str, name: str) -> float:
     return float(fault.split(f"channel {name}: reads ")[1].split()[0])
 
 
-@pytest.mark.parametrize("factor", [0.9, 1.1])
-@pytest.mark.parametrize("floors", [1, 2, 3])
+@parametrize_first(1, "factor", [0.9, 1.1])
+@parametrize_first(1, "floors", [1, 2, 3])
 def test_only_the_channel_of_wrong_sensitivity_is_named(floors: int, factor: float) -> None:
     made = clean(floors)
     for index, name in enumerate(names(made)[1:], 1):
@@ -124,7 +125,7 @@ def test_only_the_channel_of_wrong_sensitivity_is_named(floors: int, factor: flo
         assert floors > 1 or stated(found[0], "table") == pytest.approx(1.0 / factor, abs=0.01)
 
 
-@pytest.mark.parametrize("factor", [0.9, 1.1])
+@parametrize_first(1, "factor", [0.9, 1.1])
 def test_table_of_wrong_sensitivity_is_named_where_all_floors_say_so(factor: float) -> None:
     made = clean(2)
     found = faults(made, made.record.accel_m_s2 * [[factor], [1.0], [1.0]])
@@ -132,8 +133,10 @@ def test_table_of_wrong_sensitivity_is_named_where_all_floors_say_so(factor: flo
     assert stated(found[0], "table") == pytest.approx(factor, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("factor", "unit"), [(1.0 / 9.80665, "values were in g"), (9.80665, "were m/s^2 and not g"), (0.2, ""), (6.0, "")]
+@parametrize_first(
+    1,
+    ("factor", "unit"),
+    [(1.0 / 9.80665, "values were in g"), (9.80665, "were m/s^2 and not g"), (0.2, ""), (6.0, "")],
 )
 def test_a_channel_in_another_unit_is_named_with_it(factor: float, unit: str) -> None:
     made = clean(3)
@@ -171,6 +174,7 @@ def test_dead_and_drowned_channels_are_named(kind: Kind) -> None:
             assert f"channel {name}: {sentence}" in found[0]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("coherence", [0.6, 0.8])
 def test_incoherent_channel_is_named_with_its_coherence(coherence: float) -> None:
     made = clean(2)
@@ -188,8 +192,8 @@ def test_incoherent_channel_is_named_with_its_coherence(coherence: float) -> Non
         assert seen[index].coherence == pytest.approx(coherence, abs=0.12)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("share", [0.97, 0.9, 0.7, 0.5])
+@parametrize_first(4, "kind", KINDS)
+@parametrize_first(4, "share", [0.97, 0.9, 0.7, 0.5])
 def test_clipped_channel_is_named(share: float, kind: Kind) -> None:
     made = clean(2, kind=kind)
     random = np.random.default_rng(2)
@@ -202,8 +206,8 @@ def test_clipped_channel_is_named(share: float, kind: Kind) -> None:
         assert f"channel {name}: clipped" in found[0]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("share", [1.0, 0.97, 0.9, 0.7, 0.5])
+@parametrize_first(4, "kind", KINDS)
+@parametrize_first(4, "share", [1.0, 0.97, 0.9, 0.7, 0.5])
 def test_clipping_is_seen_through_the_correction_of_the_sensor(share: float, kind: Kind) -> None:
     """The sensor's AC coupling acts before the converter's limit, its correction after it."""
     made = clean(2, kind=kind)
@@ -336,6 +340,7 @@ def test_gain_of_a_model_counts_only_where_the_table_shows_it(moved: float, refu
     assert len(channel_responses.far_gain(7e-4 * info.gain_m_per_v, info, moving(moved))) == refused
 
 
+@pytest.mark.campaign
 def test_command_and_table_exchanged_are_named() -> None:
     made = clean(2)
     record = replace(
@@ -356,6 +361,7 @@ def test_table_of_half_again_the_nominal_gain_is_identified_with_a_warning() -> 
     assert "the data sheet says 5.27" in found.warnings[0]
 
 
+@pytest.mark.campaign
 def test_swapped_floors_that_nearly_fit_a_chain_are_named() -> None:
     """As they are, 18 % of the inertia is unexplained, less than some specimens of wrong masses leave."""
     made = linear(make_specimen((13000.0, 3600.0, 12900.0), (0.04, 0.02, 0.03)))
@@ -364,7 +370,7 @@ def test_swapped_floors_that_nearly_fit_a_chain_are_named() -> None:
     assert "channels floor_2 and floor_3: they look swapped" in fault
 
 
-@pytest.mark.parametrize(("floors", "ratio"), [(2, 0.04), (3, 0.005)])
+@parametrize_first(1, ("floors", "ratio"), [(2, 0.04), (3, 0.005)])
 def test_sweep_in_short_segments_is_no_incoherent_channel(floors: int, ratio: float) -> None:
     made = clean(floors, ratio, "sweep")
     found = identify([made.record], made.info, made.specimen.masses_kg)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_records import excite, make_info, make_specimen
+from portfolio import parametrize_first
 
 from rths_cli.control import sensor_correction
 from rths_cli.identification.delay import channel_response, doubts, estimate
@@ -37,7 +38,7 @@ def identified(latency_samples: int, declared: int, seed: int, dt_s: float = 5e-
     return identify([made.record], info, specimen.masses_kg), (latency_samples + 0.5) * dt_s
 
 
-@pytest.mark.parametrize(("latency", "seed"), [(0, 1), (1, 2), (2, 3), (4, 4)])
+@parametrize_first(2, ("latency", "seed"), [(0, 1), (1, 2), (2, 3), (4, 4)])
 def test_the_identified_delay_is_the_rigs(latency: int, seed: int) -> None:
     found, true_s = identified(latency, latency, seed)
     assert found.latency is not None
@@ -47,7 +48,7 @@ def test_the_identified_delay_is_the_rigs(latency: int, seed: int) -> None:
     assert not [warning for warning in found.warnings if warning.startswith("delay")]
 
 
-@pytest.mark.parametrize(("latency", "declared", "dt_s"), [(2, 1, 5e-4), (0, 1, 1e-3)])
+@parametrize_first(1, ("latency", "declared", "dt_s"), [(2, 1, 5e-4), (0, 1, 1e-3)])
 def test_a_rig_that_lies_about_its_latency_is_found_out(latency: int, declared: int, dt_s: float) -> None:
     found, true_s = identified(latency, declared, 3, dt_s)
     assert found.latency is not None
@@ -92,6 +93,7 @@ def test_a_made_up_delay_is_recovered(delay_s: float) -> None:
     assert found.identified_s == pytest.approx(delay_s, abs=1e-7)
 
 
+@pytest.mark.campaign
 def test_the_uncertainty_is_the_scatter_over_many_records() -> None:
     """25 responses with other noise: their delays scatter as stated, without the share of the channels' timing."""
     timing_s = 0.01 * 5e-4

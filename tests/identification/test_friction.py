@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from made_linear import DT
 from made_records import make_info, make_specimen
+from portfolio import parametrize_first
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.identify_command import About
@@ -54,7 +55,8 @@ def true_command_v(setup: Setup) -> float:
     return float(physics.coulomb_n / (stiffness * physics.gain_m_per_v))
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    2,
     ("settings", "within"),
     [
         ((MINUTE,), 0.01),
@@ -75,7 +77,7 @@ def test_friction_is_that_of_the_table(settings: Sequence[str], within: float) -
     assert found.friction.explained > 0.7
 
 
-@pytest.mark.parametrize("kind", ["noise", "step"])
+@parametrize_first(1, "kind", ["noise", "step"])
 def test_a_table_without_friction_shows_none(kind: str) -> None:
     _, found = identified(KILOHERTZ, MINUTE, FRICTIONLESS, f"identification.excitation={kind}")
     assert found.friction is not None

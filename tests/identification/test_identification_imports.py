@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 HERE = Path(__file__).resolve().parent
 SCRIPT = """
 import sys
@@ -20,6 +22,7 @@ print(found.specimen is not None, found.friction is not None, found.latency is n
 """
 
 
+@pytest.mark.campaign
 def test_an_identification_imports_neither_figures_nor_control() -> None:
     paths = os.pathsep.join([str(HERE.parent / "helpers"), str(HERE.parents[1])])
     done = subprocess.run(

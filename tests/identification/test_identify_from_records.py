@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from made_linear import linear
 from made_records import PHYSICS, Excited, excite, make_info, make_specimen, true_response
+from portfolio import parametrize_first
 
 from rths_cli.errors import InputError
 from rths_cli.identification.channel_signals import UnfitRecord
@@ -132,7 +133,8 @@ def test_a_table_without_friction_is_found_to_half_a_thousandth_at_1_khz() -> No
     assert kept.best.coupling_hz == 0.0
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     "stiffness, ratios, seed",
     [
         ((900.0, 600.0, 500.0), (0.0023, 0.0024, 0.0048), 0),  # the raw response shows the first pole without damping
@@ -201,7 +203,8 @@ def with_fault(first: Excited, change: str) -> np.ndarray:
     return corrected
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    3,
     ("change", "sentence"),
     [
         ("dead", "channel floor_1: dead"),
@@ -230,6 +233,7 @@ def test_record_of_the_wrong_shape_is_refused(first: Excited) -> None:
     assert len(caught.value.faults) == 2
 
 
+@pytest.mark.campaign
 def test_several_records_lower_the_errors(first: Excited) -> None:
     records = [first.record, excite(make_specimen(), 2).record, excite(make_specimen(), 3).record]
     one, three = (identify(records[:k], first.info, first.specimen.masses_kg) for k in (1, 3))
@@ -263,7 +267,7 @@ def test_weaker_answer_at_low_level_is_measured_and_rejected() -> None:
     assert any("level: at 1/4" in reason and "dead band" in reason for reason in found.reasons)
 
 
-@pytest.mark.parametrize("kind", ["multisine", "sweep", "step"])
+@parametrize_first(1, "kind", ["multisine", "sweep", "step"])
 def test_linear_table_is_identified_under_every_excitation(kind: Kind) -> None:
     made = linear(make_specimen((7000.0, 7600.0, 7200.0), (0.03, 0.01, 0.05)), kind)
     found = identify([made.record], made.info, made.specimen.masses_kg)
@@ -275,7 +279,7 @@ def test_linear_table_is_identified_under_every_excitation(kind: Kind) -> None:
     assert found.specimen.damping_ratio == pytest.approx([0.03, 0.01, 0.05], rel=0.005)
 
 
-@pytest.mark.parametrize("factors", [(1.0, 1.0), (0.95, 1.0), (0.9, 1.0), (1.1, 0.9), (0.9, 1.1)])
+@parametrize_first(1, "factors", [(1.0, 1.0), (0.95, 1.0), (0.9, 1.0), (1.1, 0.9), (0.9, 1.1)])
 def test_masses_wrong_by_a_tenth_do_the_table_s_model_no_harm(factors: tuple[float, float]) -> None:
     made = linear(make_specimen())
     found = identify([made.record], made.info, made.specimen.masses_kg * factors)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from made_linear import linear
 from made_records import make_specimen
+from portfolio import parametrize_first
 
 from rths_cli.identification.identify import identify
 from rths_cli.identification.identify_table import with_ripple
@@ -26,7 +27,7 @@ def test_ripple_is_the_fitted_models_unless_it_is_stated() -> None:
     assert with_ripple(table(3.0), fitted).ripple_m_s2_per_v == 3.0
 
 
-@pytest.mark.parametrize("factor", [1.0, 1.05, 2.0, -1.0])
+@parametrize_first(1, "factor", [1.0, 1.05, 2.0, -1.0])
 def test_given_model_is_judged_as_ours_and_changes_nothing_else(factor: float) -> None:
     made = linear(make_specimen((6000.0,), (0.04,)))
     own = identify([made.record], made.info, made.specimen.masses_kg)

@@ -96,6 +96,7 @@ def identified(*specimen: float) -> NonlinearSpecimen | None:
     return identify_nonlinear([loud], quiet, DT, MASSES, STIFFNESS, BAND_HZ)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("level_m_s2", [0.25, 1.0])
 def test_a_specimen_found_at_two_levels_moves_at_others_as_it_does(level_m_s2: float) -> None:
     found = identified(0.02, 0.1)

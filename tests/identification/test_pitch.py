@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from bench import rig_info
+from portfolio import parametrize_first
 
 from rths_cli.identification.pitch import pitch
 from rths_cli.identification.sensor_calibration import Priors, fitted
@@ -54,8 +55,8 @@ def chain_of(seen, gain=0.01, mass=0.003):
     return fitted([seen], DT_S, np.array(MASSES[count]), channels, 0.5, start, priors, HIGHEST_HZ)
 
 
-@pytest.mark.parametrize("count", [2, 3])
-@pytest.mark.parametrize("rocking", [2e-7, 2e-6])
+@parametrize_first(1, "count", [2, 3])
+@parametrize_first(1, "rocking", [2e-7, 2e-6])
 def test_pitch_is_found_with_the_storeys_on_a_rigid_base(count, rocking):
     seen = motion(count, rocking, rising(count), noise=1e-4)
     found = pitch_of(seen)
@@ -70,6 +71,7 @@ def test_pitch_is_found_with_the_storeys_on_a_rigid_base(count, rocking):
     assert rigid < 0.2 * changed
 
 
+@pytest.mark.campaign
 def test_stated_heights_count():
     heights = np.array([1.0, 1.4, 3.0])
     seen = motion(3, 2e-6, heights)
@@ -79,6 +81,7 @@ def test_stated_heights_count():
     assert abs(untold.flexibility_m_per_n - 2e-6) < 2.0 * untold.error_m_per_n  # widened by what is left
 
 
+@pytest.mark.campaign
 def test_uncertainties_cover_the_errors_of_many_records():
     """A systematic tenth of what is found is in them as well."""
     over = []
@@ -92,12 +95,13 @@ def test_a_rigid_base_is_not_said_to_pitch():
     assert not pitch_of(motion(3, 0.0, rising(3))).seen
 
 
+@pytest.mark.campaign
 def test_another_stiffness_that_couples_modes_is_not_taken_for_a_base():
     """A spring from the table to the top floor stiffens, pitch only softens."""
     assert not pitch_of(motion(3, 0.0, rising(3), ties=40.0)).seen
 
 
-@pytest.mark.parametrize("dashpots", [(20.0, 0.0), (0.0, 20.0), (60.0, 0.0)])
+@parametrize_first(1, "dashpots", [(20.0, 0.0), (0.0, 20.0), (60.0, 0.0)])
 def test_unequal_dampers_are_not_taken_for_a_base_or_masses(dashpots):
     seen = motion(2, 0.0, rising(2), noise=1e-4, dashpots=dashpots)
     assert not pitch_of(seen).seen
@@ -105,11 +109,13 @@ def test_unequal_dampers_are_not_taken_for_a_base_or_masses(dashpots):
     assert pitch_of(both).flexibility_m_per_n == pytest.approx(2e-6, rel=0.15)
 
 
+@pytest.mark.campaign
 def test_sensors_or_masses_taken_as_exact_leave_no_statement():
     seen = motion(2, 2e-6, rising(2))
     assert pitch_of(seen, gain=0.0) is None and pitch_of(seen, mass=0.0) is None
 
 
+@pytest.mark.campaign
 def test_six_floors_with_unequal_dampers_settle_at_their_masses():
     """Eigenvectors of either sign made what couples modes jump, and the fit stop with masses that were 1 % off."""
     found = chain_of(motion(6, 0.0, rising(6), noise=1e-4, dashpots=(9.0, 1.0, 4.0, 1.0, 1.0, 1.0)))
@@ -117,6 +123,7 @@ def test_six_floors_with_unequal_dampers_settle_at_their_masses():
     assert found.calibration.mass == pytest.approx(np.ones(6), abs=1e-3)
 
 
+@pytest.mark.campaign
 def test_a_storey_too_stiff_to_be_seen_settles(monkeypatch):
     """Its stiffness and the damping of its mode may be almost anything, which says nothing of sensors and masses."""
     monkeypatch.setitem(STIFFNESS, 3, [9000.0, 7376.40, 1e10])

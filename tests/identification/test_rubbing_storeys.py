@@ -32,6 +32,7 @@ def with_gains(measured: Measured, *gains: float) -> Measured:
     return replace(measured, records=tuple(of(record) for record in measured.records), quiet=of(measured.quiet))
 
 
+@pytest.mark.campaign
 def test_a_specimen_whose_joints_rub_is_identified_with_a_warning() -> None:
     found = evaluated(*recorded(0.5))
     assert found.accepted
@@ -41,6 +42,7 @@ def test_a_specimen_whose_joints_rub_is_identified_with_a_warning() -> None:
     assert abs(hz - [3.2, 8.4]) == pytest.approx([0.0, 0.0], abs=2.0 * float(error.max()))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("joint_n", [0.0, 0.5])
 def test_wrong_sensors_are_not_taken_for_joints(joint_n: float) -> None:
     setup, measured = recorded(joint_n)

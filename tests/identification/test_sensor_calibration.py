@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import rig_info
+from portfolio import parametrize_first
 
 from rths_cli.control.sensor_correction import correction, recorrected
 from rths_cli.identification.sensor_calibration import (
@@ -158,7 +159,7 @@ def test_masses_may_be_all_that_is_free():
     assert problem.posterior(np.array([np.log(7000.0), np.log(0.04), 0.0]))[1].shape[0] == 3
 
 
-@pytest.mark.parametrize("seed", range(3))
+@parametrize_first(1, "seed", range(3))
 def test_ratios_are_found_within_their_uncertainty_and_the_common_scale_stays(seed):
     random = np.random.default_rng(100 + seed)
     gain, coupling = np.exp(random.normal(0.0, 0.01, 3)), np.exp(random.normal(0.0, 0.1, 3))
@@ -250,6 +251,7 @@ def test_a_record_that_shows_no_differences_leaves_uncertainties_as_declared():
     assert chain.mass_spread.chance > 0.05 and np.all(chain.mass_spread.factor < 1.1)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("joints", [0.0, 1.0])
 def test_uncertainties_cover_the_errors_of_many_records(joints):
     """Of 40 records the errors of the gains' ratios over their uncertainty have a mean square of 1, also where one part
@@ -340,7 +342,7 @@ def test_the_alias_that_the_tables_model_took_for_a_corner_shows_the_corner_of_a
     assert np.all([alone.error_of(row) > 0.05 for row in np.eye(11)[3:6]])
 
 
-@pytest.mark.parametrize("specimen", [{"dashpots": (0.0, 3.0)}, {"dashpots": (5.0, 0.0)}, {"rocking": 2e-6}])
+@parametrize_first(1, "specimen", [{"dashpots": (0.0, 3.0)}, {"dashpots": (5.0, 0.0)}, {"rocking": 2e-6}])
 def test_a_specimen_that_is_no_chain_with_modal_damping_shows_no_false_sensors(specimen):
     """A damper in one storey looks like a sensor that lags, a rocking base like other masses, where modes are alone."""
     seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), **specimen)
@@ -350,7 +352,7 @@ def test_a_specimen_that_is_no_chain_with_modal_damping_shows_no_false_sensors(s
     assert abs(np.log(found.mass[1] / found.mass[0])) < 2e-3
 
 
-@pytest.mark.parametrize("specimen", [{"rocking": 2e-6}, {"dashpots": (3.0, 0.0)}])
+@parametrize_first(1, "specimen", [{"rocking": 2e-6}, {"dashpots": (3.0, 0.0)}])
 def test_a_specimen_that_is_no_chain_shows_no_total_mass_either(specimen):
     seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), **specimen)
     found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors())

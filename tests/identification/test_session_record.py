@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bench import rig_info
+from portfolio import parametrize_first
 from scipy.linalg import expm
 from scipy.signal import dlsim
 
@@ -177,6 +178,7 @@ def test_instants_are_as_they_were_unless_the_record_shows_another():
     assert found.ripple_error_m_s2_per_v == 0.0
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("noise", [3e-4, 2e-3])
 def test_two_standard_uncertainties_hold_as_often_as_they_say(noise):
     """40 drifts of 0.05 %, instants that move in half of them, 0.5 % of stiffness in half; 0.88 to 1."""
@@ -196,6 +198,7 @@ def test_two_standard_uncertainties_hold_as_often_as_they_say(noise):
         assert 0.88 <= np.mean(hits) <= 1.0, name
 
 
+@pytest.mark.campaign
 def test_instants_that_have_not_changed_are_seldom_taken_for_changed_ones():
     alarms = 0
     for number in range(30):
@@ -212,7 +215,7 @@ def through(accel, channel, corner_hz, factor):
     return made
 
 
-@pytest.mark.parametrize("channel", [0, 1])
+@parametrize_first(1, "channel", [0, 1])
 def test_a_corner_that_moved_is_taken_for_nothing_else(channel):
     coupled = replace(rig(), channels=tuple(replace(one, high_pass_hz=0.024) for one in rig().channels))
     before = record(QUIET, ripple=RIPPLE, seed=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from made_records import make_specimen
+from portfolio import parametrize_first
 from scipy import signal
 
 from rths_cli.errors import InputError
@@ -91,6 +92,7 @@ def test_slow_drift_of_a_channel_does_no_harm_to_a_free_vibration() -> None:
     assert found.damping_ratio == pytest.approx([0.043, 0.039], rel=1e-3)
 
 
+@pytest.mark.campaign
 def test_standard_errors_are_the_scatter_of_repeated_records() -> None:
     specimen, random = make_specimen(), np.random.default_rng(5)
     table = table_motion()[:20000]
@@ -210,6 +212,7 @@ def deviations(drawn: list[tuple[Specimen, np.ndarray, np.ndarray]]) -> tuple[np
     return np.array(by_hz), np.array(by_ratio)
 
 
+@pytest.mark.campaign
 def test_true_values_lie_within_the_random_uncertainties(
     drawn: list[tuple[Specimen, np.ndarray, np.ndarray]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -263,7 +266,7 @@ def test_several_motions_are_fitted_together() -> None:
     assert np.all(np.abs(four.damping_ratio - [0.043, 0.039]) < 4.0 * four.damping_error)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@parametrize_first(4, "seed", range(20))
 def test_the_top_floor_moves_to_the_positive_side_in_all_shapes(seed) -> None:
     """What couples two modes changes its sign with either shape, so that no fit may meet both signs of one."""
     random = np.random.default_rng(seed)

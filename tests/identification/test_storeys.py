@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from campaigns.own_chains import Chain, Fault, injected, made_chain
 from campaigns.own_plant import Plant
+from portfolio import parametrize_first
 
 from rths_cli.identification import channel_responses
 from rths_cli.identification.chain_residual import explained, first_values, grouped
@@ -74,11 +75,12 @@ def assert_healthy(made: Chain, plant: Plant, misfit: float, within: float) -> N
     assert said(made) == channel_responses.Judgement()
 
 
-@pytest.mark.parametrize("name", PLANTS)
+@parametrize_first(1, "name", PLANTS)
 def test_a_chain_as_declared_is_explained_and_not_accused(name: str) -> None:
     assert_healthy(chain(name), PLANTS[name], misfit=2.0, within=0.01)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("name", "fault", "words"),
     [
@@ -101,6 +103,7 @@ def test_the_fault_put_in_is_the_one_named(name: str, fault: Fault, words: str) 
     assert ("between which the channels do not tell" in sentence) == (name == "one" and fault.kind == "gain")
 
 
+@pytest.mark.campaign
 def test_a_wrong_mass_is_said_and_refuses_no_channel() -> None:
     judged = said(injected(chain("light"), Fault("mass", (4,), 1.2)))
     assert judged.faults == ()
@@ -118,21 +121,21 @@ def quick_chain(name: str) -> Chain:
     return made_chain(QUICK[name], rate_hz=500.0, bits=18, latency_samples=2, seed=7, noise_m_s2=1e-4)
 
 
-@pytest.mark.parametrize("name", QUICK)
+@parametrize_first(1, "name", QUICK)
 def test_a_healthy_table_that_is_quick_within_a_sample_is_not_accused(name: str) -> None:
     """Where spring and dashpot pass the alias's terms of higher order, a sample of the table is not its motion."""
     assert_healthy(quick_chain(name), QUICK[name], misfit=1.5, within=0.005)
 
 
-@pytest.mark.parametrize("name", QUICK)
-@pytest.mark.parametrize("factor", [0.5, 0.9, 2.0])
+@parametrize_first(1, "name", QUICK)
+@parametrize_first(1, "factor", [0.5, 0.9, 2.0])
 def test_a_wrong_sensitivity_of_a_quick_table_is_named(name: str, factor: float) -> None:
     (sentence,) = said(injected(quick_chain(name), Fault("gain", (0,), factor))).faults
     told = sentence.split("channel table: reads ")[1]
     assert float(told.split()[0]) == pytest.approx(factor, rel=0.03)
 
 
-@pytest.mark.parametrize(("rate_hz", "factors"), [(500.0, (0.5, 2.0)), (2000.0, (0.95, 1.05))])
+@parametrize_first(1, ("rate_hz", "factors"), [(500.0, (0.5, 2.0)), (2000.0, (0.95, 1.05))])
 def test_an_alias_hides_no_wrong_sensitivity_of_the_table(rate_hz: float, factors: tuple[float, ...]) -> None:
     made = made_chain(SOFT[rate_hz], rate_hz, bits=16, latency_samples=3, seed=4)
     for factor in factors:

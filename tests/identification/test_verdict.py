@@ -273,6 +273,7 @@ def test_a_model_that_does_not_fit_tells_nothing_of_levels_without_a_cause() -> 
     assert [reason for reason in known if reason.startswith("level")]
 
 
+@pytest.mark.campaign
 def test_uncertainties_of_roots_are_the_scatter_of_repeated_fits() -> None:
     truth, noise = table(), 0.01
     clean = measured(truth, np.zeros(len(LINES)), scatter=noise)

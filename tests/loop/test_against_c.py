@@ -12,6 +12,7 @@ from bench import LINEAR, rig_info, specimen
 from campaigns import step_in_c, step_run
 from campaigns.step_comparison import SHIPPED, both, differences
 from hybrid import best_like, ground, open_limits, paper_like
+from portfolio import parametrize_first
 
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.experiment.model_choice import Memory
@@ -45,7 +46,7 @@ def played(library: ctypes.CDLL, inputs: step_run.Inputs) -> tuple[step_run.Stat
     return ours, theirs, done
 
 
-@pytest.mark.parametrize("case", SHIPPED)
+@parametrize_first(1, "case", SHIPPED)
 def test_a_shipped_case_is_the_one_of_c(library: ctypes.CDLL, memory: Memory, case: str) -> None:
     """The whole record with all defaults, among them the feedforward of the specimen's reaction and of friction."""
     setup, blocks = step_run.prepared(memory, case)

@@ -9,6 +9,7 @@ import pytest
 from bare_rig import BareRig
 from bench import DT_S, LINEAR, held, ideal_info, rig_info, specimen
 from hybrid import best_like, closed_loop, ground, open_limits, paper_like, storeys
+from portfolio import parametrize_first
 from scipy.linalg import expm
 
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
@@ -62,7 +63,7 @@ def test_the_spectral_radius_forecasts_divergence(latency: int, diverges: bool) 
         assert np.log(late / early) / 8000 == pytest.approx(np.log(radius), rel=0.05)
 
 
-@pytest.mark.parametrize("source", [RECORD, NUMERICAL])
+@parametrize_first(1, "source", [RECORD, NUMERICAL])
 def test_the_compiled_run_equals_the_exchanging_one_byte_for_byte(source: int) -> None:
     info = rig_info()
     rig = VirtualRig(info, build_plant(info, VirtualPhysics(), specimen(), 3e-4), (1, 3))

@@ -9,6 +9,7 @@ import faulty
 import numpy as np
 import pytest
 from freezing import HOLDS, freezing_of, told
+from portfolio import parametrize_first
 from told_causes import FAILED, LINK, MOTION, TABLE, TABLE_SENSOR, verdict
 
 from rths_cli.loop.diagnosis import cause_of
@@ -19,14 +20,24 @@ from rths_cli.loop.run_log import Log, Signals, Sizes
 LOOSE = replace(faulty.bench_info(), limits=replace(faulty.bench_info().limits, tracking_error_m_s2=np.inf))
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    3,
     ("kind", "said"),
     [
-        ("table sensor sign flipped", "channel channel_0 does not show the motion that the floors show: its sensor"),
+        (
+            "table sensor sign flipped",
+            "channel channel_0 does not show the motion that the floors show: its sensor",
+        ),
         ("first floor sign flipped", "channel channel_1 does not fit the others: its sensor, or the specimen"),
-        ("floor sensor unplugged", "channel channel_2 does not fit the others: its sensor (its value does not change)"),
+        (
+            "floor sensor unplugged",
+            "channel channel_2 does not fit the others: its sensor (its value does not change)",
+        ),
         ("all sensors stuck", "all channels kept their values for"),
-        ("floors swapped", "channels channel_1 and channel_2 do not fit each other: their sensors, or the specimen"),
+        (
+            "floors swapped",
+            "channels channel_1 and channel_2 do not fit each other: their sensors, or the specimen",
+        ),
         ("actuator weak", "the table does not move as desired, or all sensors are wrong alike"),
         ("all signs flipped", "channels channel_0, channel_1 and channel_2 do not fit each other: their sensors"),
         ("motion ten times too large", "velocity (estimated from the command) beyond its limit"),
@@ -73,6 +84,7 @@ def test_channels_that_stopped_together_are_named_together_where_only_one_had_to
     assert "all channels" not in str(cause_of(info, faulty.blocks(), faulty.guard_of(info), state, log))
 
 
+@pytest.mark.campaign
 def test_a_target_that_froze_is_named_before_the_limit_that_its_jump_reaches() -> None:
     """34 ms at 0.14 m/s: the table jumps by 5 mm, beyond 45 m/s^2."""
     laboratory = freezing_of(3_600, 500)

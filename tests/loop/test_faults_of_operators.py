@@ -14,6 +14,7 @@ import faulty
 import numpy as np
 import pytest
 from faulty import FaultyRig, bench_info
+from portfolio import parametrize_first
 
 from rths_cli.loop import guard as g
 from rths_cli.loop import realtime_run as performance
@@ -69,7 +70,8 @@ def performed_with_signals(*numbers: int) -> tuple[FaultyRig, Performance, Perfo
     return rig, run, perform_watched(rig, run, lambda _: None)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    2,
     ("numbers", "reason"),
     [
         ((signal.SIGINT,), g.INTERRUPT),
@@ -120,6 +122,7 @@ def test_a_signal_that_a_watcher_raises_is_an_order() -> None:
     assert rig.commands[-1] == 0.0
 
 
+@pytest.mark.campaign
 def test_a_signal_ends_a_rehearsal_at_once() -> None:
     """Nothing moves yet: there is nothing to be led to rest."""
     info, still = bench_info(), np.zeros((20_000, 3))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from freezing import ANSWERS_LOST, APPROACHES, GOES_ON, HOLDS, Freezing, freezing_of, ideal_errors
 from ideal_table import storeys_of
+from portfolio import parametrize_first
 
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.loop.guard import END, LOST
@@ -50,7 +51,7 @@ def test_a_target_that_froze_and_jumps_to_the_newest_command_costs_about_what_th
     assert np.abs(own).max() * run.limits.gain_m_per_v / run.limits.dt_s < 0.5  # but for the jump the target makes
 
 
-@pytest.mark.parametrize("length", [5, 11])
+@parametrize_first(1, "length", [5, 11])
 def test_samples_after_a_jump_of_a_fast_table_are_not_taken_for_motion_of_the_building(
     fast: Freezing, length: int
 ) -> None:

@@ -81,6 +81,7 @@ def held(door: Door, table: Table, intervals: int) -> Array:
     return intervals_of[:, 0]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("spacing", [1, 3])
 def test_it_goes_smoothly_from_point_to_point_then_holds(door: Door, table: Table, spacing: int) -> None:
     points = (1.05, 1.15, 1.1, 0.9)

@@ -10,6 +10,7 @@ from campaigns.own_laboratory import KINDS, Laboratory, instant
 from rths_cli.loop.guard import END
 
 pytestmark = [
+    pytest.mark.campaign,
     pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler here"),
     pytest.mark.real_time,
 ]

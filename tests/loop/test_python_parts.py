@@ -35,6 +35,7 @@ def linear_blocks() -> Blocks:
     return best_like(INFO, 1.2)
 
 
+@pytest.mark.campaign
 def test_storeys_in_python_move_as_the_compiled_ones() -> None:
     blocks = linear_blocks()
     block = blocks.numerical.linearised()
@@ -49,6 +50,7 @@ def test_storeys_in_python_move_as_the_compiled_ones() -> None:
     assert compiled.log.logged.shape == (0, 1500)
 
 
+@pytest.mark.campaign
 def test_a_feedforward_in_python_gives_the_same_command() -> None:
     blocks = linear_blocks()
     block = blocks.feedforward.linearised()
@@ -75,6 +77,7 @@ def test_a_part_without_a_linear_block_cannot_be_judged() -> None:
         blocks.linear_parts()
 
 
+@pytest.mark.campaign
 def test_a_rehearsal_calls_it_in_every_step() -> None:
     """So what the rehearsal measures holds the calls into Python."""
     model = Storeys(linear_blocks().numerical.linearised())
@@ -91,6 +94,7 @@ def test_a_model_starts_anew_in_each_run() -> None:
     assert (first == second).all() and np.ptp(first) > 0.01
 
 
+@pytest.mark.campaign
 def test_the_calls_of_an_earlier_step_stay_callable() -> None:
     """Compiled code knows their addresses only: a second step of the same design must not free them."""
     blocks = linear_blocks()

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from bench import rig_info
 from hybrid import best_like, open_limits
+from portfolio import parametrize_first
 
 from rths_cli.loop import guard, realtime_run
 from rths_cli.loop.realtime_run import perform_watched
@@ -79,7 +80,8 @@ def compiled() -> None:
 
 
 @pytest.mark.usefixtures("handlers")
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("numbers", "reason"),
     [
         ((signal.SIGINT,), guard.INTERRUPT),

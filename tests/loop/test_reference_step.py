@@ -10,6 +10,7 @@ import pytest
 from bare_rig import BareRig
 from bench import DT_S, LINEAR, ideal_info, rig_info, specimen
 from hybrid import best_like, ground, open_limits, paper_like, reacting
+from portfolio import parametrize_first
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.friction_compensation import FrictionFeedforward
@@ -62,9 +63,9 @@ def difference(outcome: Outcome, wanted: dict[str, Array]) -> float:
     return float(np.concatenate(rows).max())
 
 
-@pytest.mark.parametrize("latency", [0, 1, 2])
-@pytest.mark.parametrize("interface_mass", [0.0, 1.2])
-@pytest.mark.parametrize("make", [paper_like, best_like, reacting])
+@parametrize_first(4, "latency", [0, 1, 2])
+@parametrize_first(4, "interface_mass", [0.0, 1.2])
+@parametrize_first(4, "make", [paper_like, best_like, reacting])
 def test_linear_blocks_give_the_same_to_a_few_roundings(make: Make, interface_mass: float, latency: int) -> None:
     info, drive = ideal_info(latency_samples=latency), ground(2000)
     blocks = make(info, interface_mass)
@@ -73,6 +74,7 @@ def test_linear_blocks_give_the_same_to_a_few_roundings(make: Make, interface_ma
     assert np.abs(outcome.log.command_v).max() > 0.01
 
 
+@pytest.mark.campaign
 def test_the_computed_storeys_may_be_many() -> None:
     """Their modes are exact to a rounding of A, which adds up from step to step."""
     info, drive = ideal_info(), ground(6000)

@@ -121,6 +121,7 @@ def led_to(told: Way, intervals: int) -> float:
     return place_after(told, intervals)
 
 
+@pytest.mark.campaign
 def test_after_a_gap_the_next_command_is_where_the_way_would_have_led() -> None:
     """Within 1 mV; in an interval it moves by up to 50.
 

@@ -64,6 +64,7 @@ def gaps(share: float) -> Array:
     return lost
 
 
+@pytest.mark.campaign
 def test_what_was_lost_is_put_back_and_leaves_no_trace(whole: Signals) -> None:
     """3 % lost. In the loop the last samples stood in their place; the correction of an AC coupling integrates them."""
     logged, put_back = excited(gaps(0.03))

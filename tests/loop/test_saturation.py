@@ -141,6 +141,7 @@ def everything(outcome: Outcome) -> list[bytes]:
     return [part.tobytes() for part in (log.command_v, log.desired, log.corrected, log.estimated, log.base_shear_n)]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("make", [best_like, with_feedback, paper_like])
 def test_limits_that_nothing_reaches_change_no_byte(make: object) -> None:
     info = rig_info()

@@ -27,6 +27,8 @@ from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.interface import Commands
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
+pytestmark = pytest.mark.campaign
+
 STEPS = 1500
 ONE = ideal_info()
 TWO = replace(ONE, channels=ONE.channels * 2, actuators=2)

@@ -10,6 +10,8 @@ from rths_cli.loop.bumpless_transfer import OFF_V
 from rths_cli.loop.guard import END
 from rths_cli.loop.realtime_run import Performance
 
+pytestmark = pytest.mark.campaign
+
 RECORD = 20_000  # samples: 20 s of El Centro, its strong part
 STALLED_AT = 1000 + np.array([2_113, 4_871, 7_490, 11_006])  # after the ramp
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 from repeated_laws import REPEATED
 from scipy.optimize import brentq
 
@@ -203,8 +204,8 @@ def test_a_damper_solves_its_own_equation(power: float, c: float, gives: float, 
     assert found == pytest.approx(np.sign(rate) * c * v**power, rel=1e-11)
 
 
-@pytest.mark.parametrize("gives", [0.0, 1e-3, 0.05, 1.0])
-@pytest.mark.parametrize("power", [0.01, 0.1, 0.3, 0.7, 0.9, 1.5, 2.5, 3.0])
+@parametrize_first(6, "gives", [0.0, 1e-3, 0.05, 1.0])
+@parametrize_first(6, "power", [0.01, 0.1, 0.3, 0.7, 0.9, 1.5, 2.5, 3.0])
 def test_a_damper_has_its_force_at_every_rate(power: float, gives: float) -> None:
     """From the straight line near rest to far beyond what storeys do, to both sides, by bisection."""
     c, knee = 9.0, 1e-3

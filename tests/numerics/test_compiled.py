@@ -136,6 +136,7 @@ def test_code_is_compiled_once_and_announced_then_loaded(made: tuple[Path, list[
     assert folder.stat().st_mode & 0o777 == 0o700 or os.name != "posix"
 
 
+@pytest.mark.campaign
 def test_code_for_another_processor_is_kept_beside_it(tmp_path: Path) -> None:
     """What numba is told to compile for is a part of the name: neither is loaded in place of the other."""
     quick, generic = {"NUMBA_OPT": "1"}, {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}

@@ -37,6 +37,7 @@ def test_the_sdist_holds_what_a_packager_needs(built: Path) -> None:
     assert {"docs/index.md", "docs/reference/udp.md", "docs/udp.md"} <= names  # the tests in it read the pages
 
 
+@pytest.mark.campaign
 def test_the_wheel_finds_its_shipped_files_by_name(built: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(next(built.glob("*.whl"))) as archive:
         assert "rths_cli/py.typed" in archive.namelist()

@@ -101,6 +101,7 @@ def test_each_draw_of_the_laboratory_is_that_of_its_file() -> None:
     are_independent(np.array(rows))
 
 
+@pytest.mark.campaign
 def test_gains_change_from_session_to_session_as_stated() -> None:
     info, command = ideal_info(), np.sin(np.arange(40.0))
     stated = {"channels": {"gain_change_between_runs": {"std": 0.003}}}
@@ -112,6 +113,7 @@ def test_gains_change_from_session_to_session_as_stated() -> None:
     assert np.array_equal(first, again)
 
 
+@pytest.mark.campaign
 def test_the_hum_has_its_size_and_any_phase() -> None:
     """By the Fourier coefficient of two whole periods of each of 500 runs."""
     info, count = ideal_info(), round(2.0 / 50.0 / DT_S)
@@ -147,6 +149,7 @@ def test_each_channel_has_its_noise(stated: dict[str, Any]) -> None:
         are_independent(np.vstack([rest.T, own.T]))
 
 
+@pytest.mark.campaign
 def test_the_zero_walks_beside_the_noise() -> None:
     """In 0.5 s steps of variance walk^2 dt: the walk grows with the square root of time. Differences of successive
     samples have the covariance -noise^2 of white noise: it is not the noise that walks."""

@@ -57,6 +57,7 @@ def test_the_recording_holds_a_session_with_losses(recorded: dict[str, list[str]
     assert np.ptp(volts) > 100 * STEP_V  # the table moves
 
 
+@pytest.mark.campaign
 def test_the_same_answers_bring_about_the_same_packets(recorded: dict[str, list[str]], replayed: list[str]) -> None:
     """Byte for byte where the arithmetic is that of the recording, clock and tags included. Another processor rounds
     otherwise: there the volts may differ by two steps of the converter, and with them the tag, but nothing else."""

@@ -245,6 +245,7 @@ def by_another_program(ground_m_s2: Array) -> Array:
     return np.asarray(CubicSpline(knots, accel, axis=1)(1e-3 * np.arange(ground_m_s2.size)))
 
 
+@pytest.mark.campaign
 def test_a_run_on_it_keeps_its_truth_and_states_true_errors(
     laboratory: Callable[[Any], list[str]], tmp_path: Path
 ) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from bench import DT_S, ideal_info, play_plant, run_plant, specimen
 from imperfect_table import Imperfect, Table, solved
+from portfolio import parametrize_first
 from pydantic import ValidationError
 
 from rths_cli.case.rig_schema import VirtualRigSpec
@@ -166,7 +167,7 @@ def compare(plant: ImperfectPlant, info: RigInfo, how: Imperfect) -> None:
     assert peak(states[0] - place) < 1e-6 * peak(place)
 
 
-@pytest.mark.parametrize("name", ALONE)
+@parametrize_first(4, "name", ALONE)
 def test_each_imperfection_agrees_with_an_adaptive_solver(name: str) -> None:
     stated, how = ALONE[name]
     info = ideal_info(latency_samples=1, high_pass_hz=0.024)

@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 import pytest
 from campaigns.study_interruptions import CASE, datasets, write_case
+from portfolio import parametrize_first
 
 from rths_cli.case.load import PlacedSettings, written_case
 from rths_cli.errors import InputError
@@ -98,7 +99,7 @@ def swept(request: SweepRequest, path: Path, engine: Engine, watcher: Watcher | 
     return run_sweep(replace(request, output=path, engine=engine), watcher or Watcher())  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("jobs", [1, 3])
+@parametrize_first(1, "jobs", [1, 3])
 def test_processes_give_the_bytes_of_one_process(
     inline: Swept, request_of: SweepRequest, tmp_path: Path, jobs: int
 ) -> None:
@@ -107,6 +108,7 @@ def test_processes_give_the_bytes_of_one_process(
     assert len({*done.sweep.texts["processor"]}) == 1 and done.sweep.texts["processor"][0]
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(sys.platform != "linux", reason="SIGKILL")
 def test_rows_of_killed_processes_are_played_again_once(
     inline: Swept, request_of: SweepRequest, tmp_path: Path

@@ -76,6 +76,7 @@ def test_channels_that_rest_are_judged_by_what_they_should_show(tmp_path: Path) 
     assert_alike(lean(quiet), full)
 
 
+@pytest.mark.campaign
 def test_a_stuck_channel_stops_a_lean_run_as_a_full_one(tmp_path: Path) -> None:
     """A converter of few bits keeps its code while the table moves."""
     coarse = planned(tmp_path, QUIET, "table.converters.bits=11")

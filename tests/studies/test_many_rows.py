@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 from campaigns.synthetic_study import Tabulated, kept_rows, one_point, planned, tabulate, written_parts
+from portfolio import parametrize_first
 
 from rths_cli.files import sweep_file
 from rths_cli.files.sweep_file import Sweep, rows_path
@@ -33,7 +34,7 @@ def test_memory_grows_by_less_than_1_gb_per_million_rows(tmp_path: Path, monkeyp
     agree(found)
 
 
-@pytest.mark.parametrize("count", [2, 8])
+@parametrize_first(1, "count", [2, 8])
 def test_parts_are_joined_in_less_memory_than_that(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     monkeypatch.setattr(sweep_file, "BATCH_VALUES", ROWS)
     alone = one_point()

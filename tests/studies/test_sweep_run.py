@@ -73,6 +73,7 @@ def asked(folder: Path, *vary: str, seeds: str | None = None, settings: tuple[st
     return SweepRequest(request, folder / "out.h5", None, Engine(jobs=2), True, False, "test")
 
 
+@pytest.mark.campaign
 def test_a_doubt_on_units_is_told_once_for_all_points_that_raise_it(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "short.csv").write_text((folder / "short.csv").read_text().replace("m/s^2", "cm/s^2"))
     (tmp_path / "a.yaml").write_text(CASE)
@@ -134,6 +135,7 @@ def test_a_row_is_what_a_run_alone_gives(
         assert path.startswith("check.") or figure.definition == alone.definitions[path]
 
 
+@pytest.mark.campaign
 def test_a_row_of_a_building_with_computed_storeys_below_is_too(folder: Path, tmp_path: Path, memory: Memory) -> None:
     settings = ("structure.numerical.masses_kg=[6.93, 6.93]", "structure.numerical.stiffness_n_per_m=[7300, 7300]")
     request = asked(folder, seeds="1", settings=settings)
@@ -146,6 +148,7 @@ def test_a_row_of_a_building_with_computed_storeys_below_is_too(folder: Path, tm
         assert found.shape == (4,) and found == pytest.approx(alone[f"exp_rths.{which}"], rel=1e-12)
 
 
+@pytest.mark.campaign
 def test_rows_of_storeys_with_laws_on_another_specimen_are_too(folder: Path, tmp_path: Path, memory: Memory) -> None:
     settings = (
         "structure.numerical.masses_kg=[6.93, 6.93]",

@@ -421,6 +421,7 @@ def test_any_table_model_comes_back_from_text(tmp_path_factory, model):
     comes_back(write_text(tmp_path_factory.mktemp("any") / "m.json", keys), *model)
 
 
+@pytest.mark.campaign
 @SAVERS
 @settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=[FIXTURE])
 @given(model=table_models())

@@ -118,6 +118,7 @@ def test_a_cut_tdms_file_is_not_read_in_silence(tmp_path: Path, capfd: pytest.Ca
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.campaign
 @settings(derandomize=True, max_examples=60, deadline=None)
 @given(data=st.data())
 def test_changed_bytes(seed: tuple[Path, bytes], data: st.DataObject) -> None:
@@ -129,6 +130,7 @@ def test_changed_bytes(seed: tuple[Path, bytes], data: st.DataObject) -> None:
     read_anything(path, bytes(mutated))
 
 
+@pytest.mark.campaign
 @settings(derandomize=True, max_examples=20, deadline=None)
 @given(data=st.data())
 def test_cut_files(seed: tuple[Path, bytes], data: st.DataObject) -> None:

@@ -149,6 +149,7 @@ def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(words, capture_output=True, text=True, cwd=cwd, timeout=60, check=False)
 
 
+@pytest.mark.campaign
 def test_the_command_prints_its_files_and_how_a_run_ended(tmp_path: Path) -> None:
     make(tmp_path / "good.h5")
     make(tmp_path / "cut.h5", "aborted")

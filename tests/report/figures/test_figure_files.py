@@ -66,6 +66,7 @@ def test_names_are_those_of_the_issue():
     assert {"delay_and_gain", "error_budget", "limits", "timing"} < set(figure_names())
 
 
+@pytest.mark.campaign
 def test_another_process_with_other_settings_writes_the_same_bytes(written, short, tmp_path):
     (tmp_path / "matplotlibrc").write_text("font.size: 20\nlines.linestyle: --\nsvg.hashsalt: other\n")
     environment = os.environ | {"PYTHONHASHSEED": "7", "SOURCE_DATE_EPOCH": "1000000000"}
@@ -135,6 +136,7 @@ def test_an_aborted_run_is_drawn_as_far_as_it_goes_and_says_so(tmp_path):
     assert np.max(errors.lines[0].get_xdata()) == pytest.approx(599 / 200.0)
 
 
+@pytest.mark.campaign
 def test_what_a_result_does_not_hold_is_left_out_with_a_reason(short, tmp_path, caplog):
     result, told = short, []
     paths = write_figures([result], tmp_path / "out", "svg", "one", told.append)

@@ -106,7 +106,6 @@ def lines(results: Path, disk: Path) -> dict[str, list[str]]:
         "figures": rths("report", str(results), "--figures", out, "--format", "png"),
         "csv": rths("export", str(results / f"{CASES[0]}.h5"), "--to", "csv", "--output", out),
         "mat": rths("export", str(results / f"{CASES[0]}.h5"), "--to", "mat", "--output", out),
-        "netcdf": rths("export", str(results), "--to", "netcdf", "--group", "sim", "--output", out),
         "identify": rths("identify", "--output", f"{out}/model.h5", "--save-data", f"{out}/data.h5"),
         "sweep": rths("sweep", CASES[0], "--seeds", "6", "--output", f"{out}/sweep.h5", "--csv", f"{out}/sweep.csv"),
     }

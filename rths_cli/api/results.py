@@ -258,10 +258,12 @@ class RunResult:
         return self.contents.groups
 
     def export(self, folder: str | Path, to: str = "mat", replace: bool = True) -> list[Path]:
-        """Write the result as `csv`, `mat` or `netcdf` and return the files; raises InputError, without `replace` also
+        """Write the result as `csv` or `mat` and return the files; raises InputError, without `replace` also
         where one exists."""
-        from rths_cli.report.export.export_command import FORMATS, ExportRequest, export
+        from rths_cli.report.export.export_command import FORMATS, NETCDF_REMOVED, ExportRequest, export
 
+        if to == "netcdf":
+            raise InputError(f"to: {NETCDF_REMOVED}")
         if to not in FORMATS:
             raise InputError(f"to: {to!r} is no format; give one of {', '.join(FORMATS)}")
         self.check_unchanged()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,11 +16,21 @@ if TYPE_CHECKING:
     from rths_cli.report.export.export_command import Exported
 
 
+class Formats(click.Choice[str]):
+    """The formats; of the one that was removed it says what replaces it."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the format; raises click.BadParameter."""
+        if value == "netcdf":
+            from rths_cli.report.export.export_command import NETCDF_REMOVED
+
+            self.fail(NETCDF_REMOVED, param, ctx)
+        return super().convert(value, param, ctx)
+
+
 @cli.command()
 @click.argument("results", nargs=-1, required=True, type=FILE, metavar="RESULT...")
-@click.option(
-    "--to", "form", required=True, type=click.Choice(["csv", "mat", "netcdf"]), help="Format of the files written."
-)
+@click.option("--to", "form", required=True, type=Formats(["csv", "mat"]), help="Format of the files written.")
 @click.option(
     "--output",
     type=FILE,
@@ -48,7 +58,7 @@ def export(
     quiet: bool,
     as_json: bool,
 ) -> int:
-    """Write result files (or folders of them) for other programs: CSV tables, MATLAB .mat, netCDF.
+    """Write result files (or folders of them) for other programs: CSV tables or MATLAB .mat.
 
     Runs that ended early are exported as far as they went; what is written says how they ended.
 

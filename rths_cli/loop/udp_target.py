@@ -9,11 +9,7 @@ time at which this process reads it: after a stall of the process, samples and c
 and only the answers are late.
 
 **Sessions.** A session is replaced only by the first authentic ARM of another one, with the table at rest. Any other
-packet of a stranger costs a bounded number of hashes (SipHash of one packet or less) and at most one answer, no longer
-than the packet. The numbers of hashes are: 0 for a malformed packet, 1 for a packet of a session, 2 for a forged HELLO,
-5 for a captured one (its tag under two keys, our nonce of two words, the tag of the answer), 3 while the table moves,
-and 11 for an ARM at rest (its tag under the session's key, then for two periods our nonce, the key of two words, its
-tag).
+packet of a stranger causes at most one answer, no longer than the packet.
 """
 
 from __future__ import annotations
@@ -105,8 +101,6 @@ TICKS_PER_INTERVAL = 4
 CLOSING_S = 1.0 / (4.0 * math.pi * 14.0)  # closing velocity after a stall over the acceleration limit
 PHASE_STEPS = 64  # number of commands over which the phase of the ticks adapts to that of the commands
 LOOK_NS = 20_000_000  # longest wait for a packet, and thus the interval at which orders are read
-GREETED_NS = 1_000_000  # least interval of answers to HELLO while the table moves; others are not answered
-BATCH, BATCH_NS = 64, 5_000_000  # largest number of packets served in this time while the table is at rest
 
 BEGUN, ENDED, ORDERED = 1, 2, 3  # what `serve_packets` returns for
 
@@ -119,11 +113,10 @@ COUNTS = 6
 # TICK: time of the physics. LAST_TICK: that of the last command. ARRIVED_NS: arrival of the last command.
 # LONGEST_TICKS: longest time between two commands. REACHED_NS: time to which the physics was advanced; all packets up
 # to it are known. MOVED_TICK: last change of the output. ARMING 1: the ARM that began this session is in `incoming` and
-# not yet obeyed. BATCHED: packets since BATCH_BEGAN_NS. CATCHES_UP 1: a command was late, and the output has not yet
-# reached the command.
-STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, ARMING = range(11)
-ARRIVED_NS, REACHED_NS, MOVED_TICK, BATCHED, BATCH_BEGAN_NS, CATCHES_UP = range(11, 17)
-PLACES = 17
+# not yet obeyed. CATCHES_UP 1: a command was late, and the output has not yet reached the command.
+STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, ARMING = range(10)
+ARRIVED_NS, REACHED_NS, MOVED_TICK, CATCHES_UP = range(10, 14)
+PLACES = 14
 
 _sendto = external("sendto", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintc")
 _AT_ONCE = 0x40  # MSG_DONTWAIT
@@ -398,13 +391,11 @@ def moves(d: Door) -> bool:
 
 
 @part
-def greet(d: Door, size: int, now: int) -> None:
-    """Answer an authentic HELLO without storing anything; while the table moves, refuse at most one per GREETED_NS."""
-    busy = moves(d)
-    answer_size = answer_hello(d.greeter, d.incoming, size, monotonic_ns(d.scratch), 0, busy, d.outgoing)
+def greet(d: Door, size: int) -> None:
+    """Answer an authentic HELLO without storing anything; refuse it while the table moves."""
+    answer_size = answer_hello(d.greeter, d.incoming, size, monotonic_ns(d.scratch), 0, moves(d), d.outgoing)
     d.counts[GREETED if answer_size > 0 else FORGED] += 1
-    if answer_size > 0 and not (busy and now - d.session[GREETED_AT_NS] < GREETED_NS):
-        d.session[GREETED_AT_NS] = now
+    if answer_size > 0:
         post(d, answer_size)
 
 
@@ -417,23 +408,12 @@ def attend(d: Door, t: Table, size: int, now: int) -> int:
     elif verdict == packets.MALFORMED:
         d.counts[MALFORMED] += 1
     elif d.incoming[packets.KIND] == packets.HELLO:
-        greet(d, size, now)
+        greet(d, size)
     elif not moves(d) and opens_session(d.greeter, d.incoming, size, monotonic_ns(d.scratch), d.outgoing):
         return BEGUN
     else:
         d.counts[FORGED if verdict == packets.FORGED else MALFORMED] += 1
     return 0
-
-
-@part
-def breathe(d: Door) -> None:
-    """At rest, wait if BATCH packets were served within BATCH_NS, so that a flood cannot take the whole processor."""
-    s, now = d.session, monotonic_ns(d.scratch)
-    if now - s[BATCH_BEGAN_NS] > BATCH_NS:
-        s[BATCH_BEGAN_NS], s[BATCHED] = now, 0
-    s[BATCHED] += 1
-    if s[BATCHED] >= BATCH:
-        sleep_until(s[BATCH_BEGAN_NS] + BATCH_NS, 0, d.scratch)
 
 
 @part
@@ -468,8 +448,6 @@ def look(d: Door, t: Table) -> int:
     sleep_ns = pause(d, now) if size < 0 else 0
     if sleep_ns > 0:
         wait(d.fd, sleep_ns, d.scratch)
-    elif not moves(d):
-        breathe(d)
     return 0
 
 

@@ -15,8 +15,8 @@ import inspect
 import os
 import platform
 import re
+import shutil
 import time
-import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, partial
@@ -29,6 +29,7 @@ import numba
 import numpy as np
 from numba import types
 from numba.core import cgutils, event, imputils
+from numba.core.errors import NumbaError
 from numba.extending import intrinsic, overload_method
 
 from rths_cli.errors import InputError
@@ -50,7 +51,6 @@ FUSED = {"fastmath": {"contract"}}  # the only thing that LLVM may change in the
 PACKAGE = Path(__file__).resolve().parents[1]
 ABOVE = ("__main__.py", "api", "cli", "experiment", "report", "studies")  # compiled code imports nothing of these
 WITHOUT_EFFECT = ("NUMBA_CACHE_DIR=", "NUMBA_NUM_THREADS=", "NUMBA_THREADING_LAYER=")  # settings, on our machine code
-OTHERS_MAY_WRITE = 0o022
 CALLS = "runtime_calls.txt"  # what compiled code calls though it should not, a line each: entry, function
 LOCK_S = 60.0  # a process that compiles for longer is taken for stopped
 FUNCTION = re.compile(r"^define [^@\n]*@\"?(?!_ZN7cpython|cfunc\.|NRT_).*?^}", re.MULTILINE | re.DOTALL)
@@ -92,14 +92,12 @@ class Entry:
             self._not_kept.compile(signature)
             return self._not_kept
         with _lock(cache_folder(), self.name):
-            with suppress(OSError):  # of a cache that cannot be read or written
-                self.dispatcher.compile(signature)
+            _load_or_compile(self.dispatcher, self.dispatcher.compile, signature)
             if signature not in self.dispatcher.overloads:  # or its index names the code of another signature
                 self.dispatcher = numba.njit(**ENTRY)(self.dispatcher.py_func)
                 self.dispatcher.compile(signature)
             if signature in self.dispatcher.stats.cache_misses:
                 _note_calls(self)
-                _seal(cache_folder())
         return self.dispatcher
 
 
@@ -162,10 +160,7 @@ def kept_part(function: F) -> F:
     def compile_locked(signature: tuple[Any, ...]) -> Any:
         if signature not in kept.overloads and not any(map(_from_outside, signature)):
             with _lock(cache_folder(), name):
-                with suppress(OSError):  # of a cache that cannot be read or written
-                    compile_or_load(signature)
-                if signature in kept.stats.cache_misses:
-                    _seal(cache_folder())
+                _load_or_compile(kept, compile_or_load, signature)
         if signature not in kept.overloads:  # it holds a class from outside, or the index names other code
             not_kept.compile(signature)
             kept.add_overload(not_kept.overloads[signature])
@@ -306,10 +301,7 @@ def watched_sources() -> list[Path]:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of the compiled code, without damaged files.
-
-    None where no such folder belongs to this user alone: each process then compiles for itself.
-    """
+    """Return the folder of the compiled code, None where it cannot be written: each process then compiles anew."""
     return _place()[0]
 
 
@@ -322,33 +314,11 @@ def _place() -> tuple[Path | None, str]:
         digest.update(path.read_bytes())
     try:
         folder = user_cache() / f"compiled-{digest.hexdigest()[:16]}"
-        fault = folder_fault(folder)
-        for path in () if fault else _files(folder):
-            if not _is_sealed(path):
-                path.unlink(missing_ok=True)
-    except (InputError, OSError) as error:
-        fault = str(error)
-    return (None, fault) if fault else (folder, "")
-
-
-def folder_fault(folder: Path) -> str:
-    """Make a folder for compiled code; return why none of it may be kept there, "" if it may.
-
-    What is in it runs in this process, so nobody else may write to it.
-    """
-    try:
         for path in (folder.parent, folder):
             path.mkdir(parents=True, exist_ok=True, mode=0o700)
-            about = path.stat()
-            if os.name == "posix" and about.st_uid != os.geteuid():
-                return f"{path} belongs to another user"
-            if os.name == "posix" and about.st_mode & OTHERS_MAY_WRITE:
-                return f"others may write to {path} (chmod go-w)"
-            if not os.access(path, os.W_OK):
-                return f"{path} cannot be written"
-    except OSError as error:
-        return str(error)
-    return ""
+    except (InputError, OSError) as error:
+        return None, str(error)
+    return (folder, "") if os.access(folder, os.W_OK) else (None, f"{folder} cannot be written")
 
 
 @contextmanager
@@ -378,31 +348,16 @@ def _is_locked(file: int) -> bool:
     return True
 
 
-def _seal(folder: Path | None) -> None:
-    """Write the checksum of each file of compiled code beside it."""
-    for path in _files(folder) if folder is not None else ():
-        with suppress(OSError):  # a full disk, or another process replaces the file: it is compiled again
-            if not _is_sealed(path):
-                _seal_of(path).write_text(_checksum(path))
-
-
-def _files(folder: Path) -> list[Path]:
-    return [path for path in folder.glob("*/*") if path.suffix in (".nbi", ".nbc")]
-
-
-def _seal_of(path: Path) -> Path:
-    return path.with_name(f"{path.name}.crc")
-
-
-def _checksum(path: Path) -> str:
-    return f"{zlib.crc32(path.read_bytes()):08x}"
-
-
-def _is_sealed(path: Path) -> bool:
-    try:
-        return _seal_of(path).read_text() == _checksum(path)
-    except (OSError, UnicodeDecodeError):
-        return False
+def _load_or_compile(made: Any, load_or_compile: Callable[[Any], object], signature: Any) -> None:
+    """Load or compile the code of a dispatcher; errors of the cache are ignored, unreadable files in it are removed."""
+    with suppress(OSError):
+        try:
+            load_or_compile(signature)
+        except (NumbaError, OSError):
+            raise
+        except Exception:  # of a file that was cut short
+            shutil.rmtree(made.stats.cache_path, ignore_errors=True)
+            load_or_compile(signature)
 
 
 def _with_cache(function: Callable[..., Any], options: dict[str, Any]) -> Any:

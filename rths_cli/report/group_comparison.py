@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -42,25 +42,12 @@ def statistics(values: Sequence[float]) -> Statistics:
     return Statistics(n, mean, std, min(values), max(values), mean - half, mean + half)
 
 
-@lru_cache(maxsize=256)
+@cache
 def student(freedom: int) -> float:
-    """Return t with P(|T| < t) = 95 % for Student's distribution with `freedom` degrees of freedom, by bisection."""
-    low, high = 0.0, 16.0
-    while (middle := 0.5 * (low + high)) not in (low, high):
-        low, high = (middle, high) if _within(middle, freedom) < COVERED else (low, middle)
-    return middle
+    """Return t with P(|T| < t) = 95 % for Student's distribution with `freedom` degrees of freedom."""
+    from scipy.special import stdtrit  # here: most reports need no statistics
 
-
-def _within(t: float, freedom: int) -> float:
-    """Return P(|T| < t) of Student's distribution. Source: Abramowitz and Stegun, 26.7.3 and 26.7.4."""
-    angle = math.atan(t / math.sqrt(freedom))
-    square, odd = math.cos(angle) ** 2, freedom % 2
-    term = math.cos(angle) if odd else 1.0
-    total = 0.0
-    for k in range(freedom // 2):
-        total += term
-        term *= square * ((2 * k + 2) / (2 * k + 3) if odd else (2 * k + 1) / (2 * k + 2))
-    return 2.0 / math.pi * (angle + math.sin(angle) * total) if odd else math.sin(angle) * total
+    return float(stdtrit(freedom, 0.5 * (1.0 + COVERED)))
 
 
 NAMES = {

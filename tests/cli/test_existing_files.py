@@ -43,7 +43,6 @@ COMMANDS = {
     "report --figures": Writes(("report", "sims.h5", "--figures", "f", "--format", "png"), "f/sims-profiles.png"),
     "export csv": Writes(("export", "demo.h5", "--to", "csv"), "exported/demo.exp_rths.csv"),
     "export mat": Writes(("export", "demo.h5", "--to", "mat"), "exported/demo.mat"),
-    "export netcdf": Writes(("export", "demo.h5", "--to", "netcdf"), "exported/demo.nc"),
     "structure --figure": Writes(("structure", "three_storey", "--figure", "s.pdf"), "s.pdf"),
 }
 """Every command that writes files that may be replaced, and each kind of file."""

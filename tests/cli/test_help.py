@@ -109,7 +109,7 @@ def test_keys_of_a_case_complete(option: str) -> None:
 
 def test_commands_and_options_complete() -> None:
     assert complete("ex") == ["plain,export"]
-    assert complete("export", "--to", "n") == ["plain,netcdf"]
+    assert complete("export", "--to", "m") == ["plain,mat"]
     assert complete("run", "--over") == ["plain,--override"]
 
 

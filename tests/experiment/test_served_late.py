@@ -145,31 +145,25 @@ def answers(late: Late) -> list[int]:
 
 
 @pytest.mark.campaign
-def test_at_rest_each_hello_is_answered_but_a_flood_waits(late: Late) -> None:
-    """After each batch the server sleeps until the batch's time is over; nothing of any HELLO is kept."""
+def test_at_rest_each_hello_is_answered_and_nothing_of_it_is_kept(late: Late) -> None:
     before = [late.door.session[i] for i in (udp_target.STATE, udp_target.SEQUENCE)], late.door.key.copy()
-    begun, batches = time.monotonic_ns(), 3
-    for i in range(batches * udp_target.BATCH):
+    for i in range(100):
         late.send(packets.HELLO, 0, hello(i), SECRET)
         assert look(late.door, late.table) == 0
-    assert time.monotonic_ns() - begun >= (batches - 1) * udp_target.BATCH_NS
-    assert answers(late) == [packets.WELCOME] * batches * udp_target.BATCH
-    assert late.door.counts[udp_target.GREETED] == batches * udp_target.BATCH and late.door.greeter.armed[0] == 0
+    assert answers(late) == [packets.WELCOME] * 100
+    assert late.door.counts[udp_target.GREETED] == 100 and late.door.greeter.armed[0] == 0
     assert before[0] == [late.door.session[i] for i in (udp_target.STATE, udp_target.SEQUENCE)]
     assert np.array_equal(before[1], late.door.key)
 
 
 @pytest.mark.campaign
-def test_in_motion_a_hello_is_refused_and_more_than_one_in_a_millisecond_are_not_answered(late: Late) -> None:
+def test_in_motion_each_hello_is_refused(late: Late) -> None:
     late.send(packets.ARM, 0, bytes(40))
     late.serve()
-    begun = time.monotonic_ns()
-    for i in range(200):
+    for i in range(20):
         late.send(packets.HELLO, 0, hello(i), SECRET)
         look(late.door, late.table)
-    kinds, took_ns = answers(late), time.monotonic_ns() - begun
-    assert set(kinds) == {packets.REFUSAL} and len(kinds) <= 1 + took_ns / udp_target.GREETED_NS
-    assert late.door.counts[udp_target.GREETED] == 200
+    assert answers(late) == [packets.REFUSAL] * 20 and late.door.counts[udp_target.GREETED] == 20
 
 
 @entry

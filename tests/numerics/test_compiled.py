@@ -21,7 +21,7 @@ from numba.core.errors import NumbaError
 
 import rths_cli
 from rths_cli.numerics import compiled
-from rths_cli.numerics.compiled import Entry, borrowed, cache_folder, entry, folder_fault, runtime_calls
+from rths_cli.numerics.compiled import Entry, borrowed, cache_folder, entry, runtime_calls
 from rths_cli.numerics.lti import Array
 
 PACKAGE = Path(rths_cli.__file__).parent
@@ -150,26 +150,13 @@ def truncated(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
 
 
-def flipped(path: Path) -> None:
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 4
-    path.write_bytes(content)
-
-
-def unsealed(path: Path) -> None:
-    path.with_name(f"{path.name}.crc").unlink()
+def zeroed(path: Path) -> None:
+    path.write_bytes(bytes(path.stat().st_size))
 
 
 @pytest.mark.parametrize(
     ("damage", "suffix"),
-    [
-        (truncated, "nbc"),
-        (flipped, "nbc"),
-        (unsealed, "nbc"),
-        (Path.unlink, "nbc"),
-        (truncated, "nbi"),
-        (flipped, "nbi"),
-    ],
+    [(truncated, "nbc"), (zeroed, "nbc"), (Path.unlink, "nbc"), (truncated, "nbi"), (zeroed, "nbi")],
 )
 def test_damaged_code_is_compiled_again_and_kept(
     made: tuple[Path, list[str]], tmp_path: Path, damage: Callable[[Path], None], suffix: str
@@ -234,10 +221,6 @@ def test_an_index_that_names_the_code_of_another_signature_is_found_out(tmp_path
     kept = one.read_bytes(), other.read_bytes()
     for path, content in zip((other, one), kept, strict=True):
         path.write_bytes(content)
-    seals = [path.with_name(f"{path.name}.crc") for path in (one, other)]
-    texts = [seal.read_text() for seal in seals]
-    for seal, text in zip(reversed(seals), texts, strict=True):
-        seal.write_text(text)
     with started(tmp_path, code) as process:
         assert finished(process)[:4] == ["0", "10.0", "10.0", "10.0"]
 
@@ -302,8 +285,7 @@ def test_files_that_cannot_be_replaced_are_no_fault(made: tuple[Path, list[str]]
     (path,) = cache.rglob("*.nbc")
     path.unlink()
     path.mkdir()
-    told = hello(cache)
-    assert told[:2] == made[1][:2] and "it is not kept: " in " ".join(told) and path.name in " ".join(told)
+    assert hello(cache)[1] == made[1][1]
     shutil.rmtree(path.parent)
     path.parent.touch()
     assert hello(cache) == made[1]
@@ -329,26 +311,14 @@ def test_a_full_disk_is_no_fault(made: tuple[Path, list[str]], tmp_path: Path) -
 
 
 @POSIX
-@pytest.mark.parametrize("place", ["rths", "rths/*"])
-def test_a_folder_that_others_may_write_to_is_not_used(
-    made: tuple[Path, list[str]], tmp_path: Path, place: str
-) -> None:
-    cache = Path(shutil.copytree(made[0], tmp_path / "open"))
-    (folder,) = cache.glob(place)
-    folder.chmod(0o770)
+@pytest.mark.skipif(os.name == "posix" and os.geteuid() == 0, reason="root writes everywhere")
+def test_a_folder_that_cannot_be_written_is_not_used_and_is_told(made: tuple[Path, list[str]], tmp_path: Path) -> None:
+    cache = Path(shutil.copytree(made[0], tmp_path / "closed"))
+    (folder,) = cache.glob("rths/*")
+    folder.chmod(0o500)
     told = hello(cache)
-    assert told[:2] == made[1][:2]
-    assert f"it is not kept: others may write to {folder} (chmod go-w)" in " ".join(told)
-    folder.chmod(0o750)
-    assert hello(cache) == ["0", made[1][1]]
-
-
-@POSIX
-def test_a_folder_of_another_user_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = tmp_path / "rths" / "compiled"
-    assert folder_fault(folder) == ""
-    monkeypatch.setattr(os, "geteuid", lambda: tmp_path.stat().st_uid + 1)
-    assert folder_fault(folder) == f"{folder.parent} belongs to another user"
+    folder.chmod(0o700)
+    assert told[:2] == made[1][:2] and f"it is not kept: {folder} cannot be written" in " ".join(told)
 
 
 @POSIX

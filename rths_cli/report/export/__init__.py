@@ -1,1 +1,1 @@
-"""Result files in the formats of other programs: CSV, MATLAB, netCDF."""
+"""Result files in the formats of other programs: CSV, MATLAB."""

@@ -12,14 +12,16 @@ from rths_cli.files.result_reader import result_files
 from rths_cli.files.result_writer import check_writable
 from rths_cli.report.export.csv_files import csv_targets
 from rths_cli.report.export.matlab_file import mat_targets
-from rths_cli.report.export.netcdf_file import netcdf_targets
 from rths_cli.report.export.source_and_target import Source, Target, open_source, write_all
 
 FORMATS: Mapping[str, Callable[[Source, Path], list[Target]]] = {
     "csv": csv_targets,
     "mat": mat_targets,
-    "netcdf": netcdf_targets,
 }
+NETCDF_REMOVED = (
+    "netcdf is no longer a format: a result file is netCDF-4 itself; "
+    'xarray.open_dataset("RESULT.h5", group="exp_rths", engine="h5netcdf") reads it, ncread in MATLAB'
+)
 TEXT_FACTOR = 2.1  # bytes of a number in CSV over those of the number, at most
 
 
@@ -28,7 +30,7 @@ class ExportRequest:
     """Arguments of `rths export`."""
 
     paths: tuple[Path, ...]  # result files or folders of them
-    form: str  # format: csv, mat or netcdf
+    form: str  # format: csv or mat
     folder: Path  # for the exported files
     groups: tuple[str, ...] = ()  # groups to export, with the groups in them; (): all
     replace: bool = True  # whether existing files may be replaced

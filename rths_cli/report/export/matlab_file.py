@@ -34,7 +34,7 @@ def mat_targets(source: Source, folder: Path) -> list[Target]:
     for top in dict.fromkeys(path.partition("/")[0] for path in source.groups):
         size = sum(source.size_bytes(path) for path in source.groups if path.partition("/")[0] == top)
         if size > LARGEST_BYTES:
-            advice = "choose smaller groups by --group, or --to netcdf, which MATLAB's ncread reads"
+            advice = "choose smaller groups by --group, or read the result file itself by MATLAB's h5read"
             raise InputError(
                 f"{source.result.path}: group {top} takes {size / 1e9:.1f} GB, a .mat file of version 5 holds "
                 f"{LARGEST_BYTES / 1e9:.1f} GB; {advice}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from xml.sax.saxutils import escape, quoteattr
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from rths_cli.analysis.accept_limits import Judged
 from rths_cli.files.result_reader import Result
@@ -57,10 +57,11 @@ def junit(
     suites += [_broken(one.path.stem, one.sentence) for one in unread]
     suites += [_broken(name, reason) for name, reason in failed]
     suites += [Suite(f"baseline.{one.case}", NEVER, (), (_compared(one),)) for one in changes]
-    lines = ["<testsuites>"]
+    root = Element("testsuites")
     for number, suite in enumerate(suites):
-        lines += _lines(suite, number)
-    return HEAD + "\n".join([*lines, "</testsuites>"]) + "\n"
+        _add(root, suite, number)
+    indent(root)
+    return HEAD + tostring(root, encoding="unicode") + "\n"
 
 
 def _suite(result: Result) -> Suite:
@@ -111,34 +112,25 @@ def _broken(name: str, sentence: str) -> Suite:
     return Suite(name, NEVER, (), (Test("result can be read", "error", sentence),))
 
 
-def _counts(tests: Sequence[Test]) -> str:
-    failures = sum(test.kind == "failure" for test in tests)
-    errors = sum(test.kind == "error" for test in tests)
-    return f'tests="{len(tests)}" failures="{failures}" errors="{errors}" time="0"'
-
-
-def _lines(suite: Suite, number: int) -> Iterator[str]:
-    head = f'name={_quoted(suite.name)} package="rths" id="{number}" hostname="localhost"'
-    yield f"  <testsuite {head} timestamp={_quoted(suite.timestamp)} {_counts(suite.tests)}>"
-    yield "    <properties>"
-    yield from (f"      <property name={_quoted(k)} value={_quoted(v)}/>" for k, v in suite.properties)
-    yield "    </properties>"
+def _add(root: Element, suite: Suite, number: int) -> None:
+    """Add a suite with its tests to the document."""
+    kinds = [test.kind for test in suite.tests]
+    counts = {"tests": len(kinds), "failures": kinds.count("failure"), "errors": kinds.count("error"), "time": 0}
+    head = {"package": "rths", "id": number, "hostname": "localhost", "timestamp": suite.timestamp, **counts}
+    node = _element(root, "testsuite", name=suite.name, **head)
+    properties = SubElement(node, "properties")
+    for name, value in suite.properties:
+        _element(properties, "property", name=name, value=value)
     for test in suite.tests:
-        about = f'name={_quoted(test.name)} classname={_quoted(f"rths.{suite.name}")} time="0"'
-        if not test.kind:
-            yield f"    <testcase {about}/>"
-            continue
-        yield f"    <testcase {about}>"
-        text = escape(_clean(test.message))
-        yield f'      <{test.kind} message={_quoted(test.message)} type="{test.kind}">{text}</{test.kind}>'
-        yield "    </testcase>"
-    yield "    <system-out></system-out>"
-    yield "    <system-err></system-err>"
-    yield "  </testsuite>"
+        case = _element(node, "testcase", name=test.name, classname=f"rths.{suite.name}", time=0)
+        if test.kind:
+            _element(case, test.kind, message=test.message, type=test.kind).text = _clean(test.message)
+    SubElement(node, "system-out")
+    SubElement(node, "system-err")
 
 
-def _quoted(text: str) -> str:
-    return quoteattr(_clean(text), {"\n": "&#10;", "\t": "&#9;", "\r": "&#13;"})
+def _element(parent: Element, tag: str, **attributes: object) -> Element:
+    return SubElement(parent, tag, {name: _clean(str(value)) for name, value in attributes.items()})
 
 
 def _clean(text: str) -> str:

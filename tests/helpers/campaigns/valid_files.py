@@ -82,7 +82,7 @@ def result_target(result: Path) -> Target:
         ("report", "FILE", "--format", "html", "--output", "page.html"),
         ("report", "FILE", "--group-by", "controller"), ("report", "FILE", "--junit", "tests.xml"),
         ("report", "FILE", "--figures", "figures", "--format", "png"),
-        *(("export", "FILE", "--to", form) for form in ("csv", "mat", "netcdf")),
+        *(("export", "FILE", "--to", form) for form in ("csv", "mat")),
         ("export", "FILE", "--to", "csv", "--group", "exp_rths"), ("report", "--baseline", "FILE", "FILE"),
     )  # fmt: skip
     refusing = (

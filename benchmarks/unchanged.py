@@ -104,9 +104,7 @@ def record(folder: Path, random_cases: int) -> None:
         ],
         "shake_table": ["run", BASE, "hachinohe_high_ff", "--set", "runs=[shake_table]", "--output", "shake_table"],
         "identify_data": ["identify", "--no-figure", "--save-data", "data.h5", "--output", "models/saved.h5"],
-        "identify_csv": ["identify", "--no-figure", "--save-data", "data.csv", "--output", "models/saved_csv.h5"],
         "identify_from_data": [*IDENTIFY_FILE, "data.h5", "--output", "models/from_data.h5"],
-        "identify_from_csv": [*IDENTIFY_FILE, "data.csv", "--output", "models/from_csv.h5"],
     }
     for number in range(8):
         table = ["--set", "table=aps400_laboratory", "--set", f"seed={number}", "--override", "check"]

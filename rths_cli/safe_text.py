@@ -12,6 +12,8 @@ FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # a cell that begins so is computed
 LINE_BREAKS = "\n\t"  # what a text of several lines and columns is laid out with
 CONTROLS = (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)
 DIRECTIONS = (0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A))  # they show signs in another order
+LONGEST_NAME = 200  # characters of a name, a value or a line about them that a file or a person gives
+MOST_DIGITS = 18  # of a whole number in a file: it fits into 64 bits
 SURROGATES = range(0xD800, 0xE000)  # bytes of a file name that are no UTF-8
 
 
@@ -27,7 +29,7 @@ def visible(text: str) -> str:
     return text if text.isascii() and text.isprintable() else text.translate(VISIBLE)
 
 
-def shortened(text: str, most: int = 200) -> str:
+def shortened(text: str, most: int = LONGEST_NAME) -> str:
     """Return a text of at most `most` characters: the middle of a longer one is left out."""
     if len(text) <= most:
         return text

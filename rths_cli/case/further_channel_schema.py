@@ -9,13 +9,11 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, field_validator
 
 from rths_cli.case.field_types import Problem, Range, Strict, listed, number, refusal
-from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
+from rths_cli.numerics.constants import FACTORS
 
 UNITS: Mapping[str, Mapping[str, float]] = {
-    "acceleration": {"m/s^2": 1.0, "g": STANDARD_GRAVITY_M_S2},
-    "displacement": {"m": 1.0, "mm": 1e-3},
-    "force": {"N": 1.0, "kN": 1e3},
-    "strain": {"1": 1.0, "um/m": 1e-6},
+    "acceleration": {unit: FACTORS["acceleration"][unit] for unit in ("m/s^2", "g")},
+    **{kind: FACTORS[kind] for kind in ("displacement", "force", "strain")},
 }
 """The units a channel of each kind may be stated in, each with its size in that unit which stands first."""
 DEFAULT_UNCERTAINTY = 0.01  # of a sensitivity that states none

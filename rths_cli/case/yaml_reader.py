@@ -20,11 +20,11 @@ from typing import Any
 import yaml
 
 from rths_cli.case.yaml_tree import Fault, Mark, Node, Scalar, Source, display, join
+from rths_cli.safe_text import MOST_DIGITS
 
 MAX_BYTES = 1_000_000
 MAX_NODES = 20_000
 MAX_DEPTH = 50
-MAX_DIGITS = 18
 
 _SPACES = re.compile("[\\u00a0\\u1680\\u2000-\\u200b\\u202f\\u205f\\u3000\\ufeff]")  # of other kinds than YAML's
 _STRUCTURAL = re.compile(f"(?:^|:|-) *({_SPACES.pattern})|({_SPACES.pattern}) *:")
@@ -276,8 +276,8 @@ def _scalar(kind: str, text: str) -> Scalar:
     if kind == "bool":
         return text == "true"
     if kind == "int":
-        if len(text) > MAX_DIGITS:
-            raise ValueError(f"must be a whole number of at most {MAX_DIGITS} digits, got {len(text)} characters")
+        if len(text) > MOST_DIGITS:
+            raise ValueError(f"must be a whole number of at most {MOST_DIGITS} digits, got {len(text)} characters")
         return int(text)
     if kind == "float":
         value = float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))

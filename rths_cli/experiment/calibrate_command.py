@@ -22,17 +22,15 @@ from rths_cli.experiment.model_files import load
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.durable_files import write_new
 from rths_cli.identification.compared_sensors import Belief, Measured, after, before, contradiction
+from rths_cli.numerics.constants import FACTORS
 from rths_cli.rigs.from_case import declared_info, weighed
-from rths_cli.safe_text import shortened
+from rths_cli.safe_text import LONGEST_NAME, shortened
 
 CONTRADICTS = 5.0  # standard uncertainties from which a measurement is a mistake in a file, a unit or a reading
 KG = "kg"
 LEAST, FARTHEST = 1e-6, 0.5  # relative uncertainty that a measurement may have
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 MEASURED = re.compile(rf"\s*({NUMBER})\s*(.*?)\s*(?:\+-|\+/-|±)\s*({NUMBER})\s*(.*?)\s*")
-VOLTS: Mapping[str, float] = {"V": 1.0, "mV": 1e-3}
-WEIGHTS: Mapping[str, float] = {KG: 1.0, "g": 1e-3}
-LONGEST_NAME, LONGEST_MEASURED = 200, 100  # characters of the person's name, and of a measurement
 HEAD = """\
 # Calibration of rig {rig}, written by rths calibrate. The rig file names it: calibration: {name}
 # Sensitivities are in V per m/s^2, m, N or 1; uncertainties are relative, one standard deviation.
@@ -164,12 +162,16 @@ def _parameters(setup: Setup) -> tuple[_Parameter, ...]:
             f"V per {one.unit}",
             one.sensitivity_v_per_unit,
             now.sensitivity_v_per_unit,
-            {f"{sign}/{unit}": volt / size for sign, volt in VOLTS.items() for unit, size in UNITS[one.kind].items()},
+            {
+                f"{sign}/{unit}": volt / size
+                for sign, volt in FACTORS["voltage"].items()
+                for unit, size in UNITS[one.kind].items()
+            },
         )
         for one, now in zip(declared, setup.rig.all_channels, strict=True)
     )
     floors = zip((one.name for one in setup.rig.channels[1:]), setup.floor_masses_kg.tolist(), strict=True)
-    return (*channels, *(_Parameter("--mass", name, KG, mass, mass, WEIGHTS) for name, mass in floors))
+    return (*channels, *(_Parameter("--mass", name, KG, mass, mass, FACTORS["mass"]) for name, mass in floors))
 
 
 def _measurements(asked: CalibrateRequest, parameters: Sequence[_Parameter]) -> list[Measured]:
@@ -220,9 +222,7 @@ def _asked(ask: Ask, parameters: Sequence[_Parameter], belief: Belief, said: lis
 def _read(told: str, place: int, parameter: _Parameter) -> Measured:
     """Return the measurement that a text VALUE+-UNCERTAINTY states, in the parameter's unit or in the one it names."""
     label = f"{parameter.option} {parameter.name}={shortened(told.strip())}"
-    matched = (
-        MEASURED.fullmatch(told) if len(told) <= LONGEST_MEASURED else None
-    )  # a long one takes the pattern minutes
+    matched = MEASURED.fullmatch(told) if len(told) <= LONGEST_NAME else None  # a long one takes the pattern minutes
     if "," in told:
         raise InputError(f"{label}: write a decimal point and no comma")
     if matched is None:

@@ -15,23 +15,11 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import read_whole
 from rths_cli.files.foreign_texts import format_of, is_date, lost_scans, rounded_times
-from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
+from rths_cli.numerics.constants import FACTORS
 from rths_cli.numerics.lti import Array
-from rths_cli.safe_text import shortened
+from rths_cli.safe_text import MOST_DIGITS, shortened
 
-FACTORS_M_S2 = {
-    "m/s^2": 1.0,
-    "cm/s^2": 0.01,
-    "gal": 0.01,
-    "g": STANDARD_GRAVITY_M_S2,
-    "mm/s^2": 0.001,
-    "in/s^2": 0.0254,
-    "ft/s^2": 0.3048,
-    "mg": 0.001 * STANDARD_GRAVITY_M_S2,
-    "%g": 0.01 * STANDARD_GRAVITY_M_S2,
-}
-"""Units of acceleration, each in m/s^2."""
-
+FACTORS_M_S2 = FACTORS["acceleration"]
 AMBIGUOUS = {"MV", "Mv", "MG", "Mg", "mG"}  # megavolt, megagram, milligauss
 
 # Each is given a line with single spaces, so that none tries the ways to share a run of them.
@@ -44,7 +32,6 @@ _KEY = re.compile(r"#\s*(units?|dt|samples|origin)\s*:\s*(.*)", re.IGNORECASE)
 _ANY_KEY = re.compile(r"#\s*\w+\s*:")
 _SUFFIX = re.compile(r"_((?:m|cm|mm|in|ft)_?s\^?2|gal|m?g)$", re.IGNORECASE)
 _TIME_SUFFIX = re.compile(r"_(\w?s)$", re.IGNORECASE)
-_MOST_DIGITS = 18
 
 
 @dataclass(frozen=True)
@@ -173,9 +160,9 @@ def _squeezed(line: str) -> str:
 
 def _count(where: str, text: str) -> int:
     """Return a number of samples; raise InputError for any other text."""
-    if not text.isdecimal() or len(text) > _MOST_DIGITS:
+    if not text.isdecimal() or len(text) > MOST_DIGITS:
         raise InputError(
-            f"{where}: samples: {shortened(text, 40)!r} is not a whole number of at most {_MOST_DIGITS} digits; "
+            f"{where}: samples: {shortened(text, 40)!r} is not a whole number of at most {MOST_DIGITS} digits; "
             "correct it"
         )
     return int(text)

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import open_regular
-from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_safety import LayoutError, attribute
 
 try:
@@ -74,10 +73,7 @@ def opened(path: Path, wanted: Wanted) -> Iterator[h5py.File]:
         empty = "is empty and " if path.stat().st_size == 0 else ""
         raise InputError(f"{path}: {empty}{wanted.foreign}")
     try:
-        check_heaps(path)
         file = _open(path)
-    except LayoutError as error:
-        raise InputError(f"{path}: {error}, so it is no {wanted.what}; {RESTORE}") from error
     except FAULTS as error:
         raise InputError(f"{path}: {_told(error)}; {RESTORE}") from error
     with file:

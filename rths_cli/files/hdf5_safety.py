@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rths_cli.safe_text import LONGEST_NAME
+
 if TYPE_CHECKING:
     import h5py
     from h5py.h5d import DatasetID
@@ -20,7 +22,6 @@ if TYPE_CHECKING:
 
 DEEPEST = 8  # groups inside each other
 MOST_OBJECTS = 20_000
-LONGEST_NAME = 200
 MOST_AXES = 3
 MOST_BYTES = 1 << 31  # of a dataset
 MOST_TEXTS = 1 << 20  # one for each run of the largest sweep

@@ -1,7 +1,6 @@
-"""Variables of a MATLAB file: versions 4 to 7 by scipy, 7.3 by h5py, each in a copy of this process.
+"""Variables of a MATLAB file: versions 4 to 7 by scipy, 7.3 by h5py.
 
-Damaged bytes can crash scipy's reader and hang the HDF5 library; then only the copy ends, and the file is called
-damaged. Measured files of version 7.3 are read as the HDF5 files that they are (measured_data/hdf5_files.py).
+Measured files of version 7.3 are read as the HDF5 files that they are (measured_data/hdf5_files.py).
 """
 
 from __future__ import annotations
@@ -16,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rths_cli.files.hdf5_heaps import check_heaps
-from rths_cli.files.hdf5_safety import check_storage, held, size_of
+from rths_cli.files.hdf5_safety import held
 from rths_cli.files.sandboxed_reading import read_in_copy
 
 if TYPE_CHECKING:
@@ -47,14 +45,14 @@ def is_matlab(head: bytes) -> bool:
 def matlab_variables(path: Path, wanted: Sequence[str] | None = None) -> dict[str, Value]:
     """Return all variables of a MATLAB file by name, with the values of those wanted (None: all; others None).
 
-    The class of an object is told of every variable. Raises ValueError for a damaged file.
+    The class of an object is told of every variable. The file is read in a copy of this process. Raises ValueError for
+    a damaged one.
     """
-    import scipy.io.matlab  # noqa: F401  # here, so that the copy has it
-
-    return read_in_copy(lambda: _variables(path, wanted))
+    return read_in_copy(lambda: variables_read_here(path, wanted))
 
 
-def _variables(path: Path, wanted: Sequence[str] | None) -> dict[str, Value]:
+def variables_read_here(path: Path, wanted: Sequence[str] | None = None) -> dict[str, Value]:
+    """Do what `matlab_variables` does, in this process; raises anything for a damaged file."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with open(path, "rb") as file:
@@ -110,14 +108,13 @@ def _of_v73(path: Path, wanted: Sequence[str] | None) -> dict[str, Value]:
     """Return the variables of a MATLAB file of version 7.3, which is HDF5."""
     import h5py
 
-    check_heaps(path)
     variables: dict[str, Value] = {}
     with h5py.File(path, "r") as file:
         for name, node in file.items():
             if "MATLAB_object_decode" in node.attrs:
                 variables[name] = MatlabObject(_class_of(node))
             elif not name.startswith("#"):
-                variables[name] = _hdf5_value(file, node) if wanted is None or name in wanted else None
+                variables[name] = hdf5_value(file, node) if wanted is None or name in wanted else None
     return variables
 
 
@@ -126,23 +123,32 @@ def _class_of(node: h5py.Dataset | h5py.Group) -> str:
     return declared.decode() if isinstance(declared, bytes) else str(declared)
 
 
-def _hdf5_value(file: h5py.File, node: h5py.Dataset | h5py.Group, depth: int = 0) -> Value:
+def hdf5_value(file: h5py.File, node: h5py.Dataset | h5py.Group, depth: int = 0) -> Value:
     """Return one variable of a MATLAB 7.3 file as a Value; dimensions are stored in the opposite order."""
     import h5py
 
     if depth > DEEPEST:
         return None
     if not isinstance(node, h5py.Dataset):
-        return {name: _hdf5_value(file, part, depth + 1) for name, part in node.items()}
+        return {name: hdf5_value(file, part, depth + 1) for name, part in node.items()}
     if "MATLAB_empty" in node.attrs:
-        return np.zeros((0, 0))
-    check_storage(node.id, node.name, size_of(file))
+        return [] if _class_of(node) == "char" else np.zeros((0, 0))
     data: Any = np.transpose(node[()])
     if node.dtype.kind == "O":
         entries = data.reshape(-1, order="F")
-        return tuple(_hdf5_value(file, file[reference], depth + 1) for reference in entries)
+        return tuple(hdf5_value(file, file[reference], depth + 1) for reference in entries)
     if _class_of(node) == "char":
         return ["".join(map(chr, row)) for row in np.atleast_2d(data)]
     if node.dtype.names == ("real", "imag"):
         return np.asarray(data["real"] + 1j * data["imag"])
     return np.asarray(data) if data.dtype.kind in "biufc" else None
+
+
+def series(value: Value) -> NDArray[Any] | list[str] | None:
+    """Return what a recording uses: real numbers, the rows of a text or the texts of a cell array, None otherwise."""
+    if isinstance(value, tuple):
+        texts = ["".join(entry) for entry in value if isinstance(entry, list)]
+        return texts if len(texts) == len(value) else None
+    if isinstance(value, np.ndarray):
+        return value if value.dtype.kind in "iuf" else None
+    return (value or [""]) if isinstance(value, list) else None

@@ -24,7 +24,6 @@ from rths_cli.errors import InputError
 from rths_cli.files import hdf5_safety as layout
 from rths_cli.files.durable_files import Stamp, make_folder, open_regular, part_of, publish
 from rths_cli.files.hdf5 import Dataset, numbers, write_group
-from rths_cli.files.hdf5_heaps import check_image
 from rths_cli.files.hdf5_opening import HELD, RESTORE, SIGNATURE, is_held, unreadable
 from rths_cli.files.result_writer import Attribute, refusal
 
@@ -222,7 +221,6 @@ def _contents(path: Path, image: bytes) -> tuple[dict[str, Attribute], Contents]
     import h5py
 
     try:
-        check_image(image)
         with h5py.File(io.BytesIO(image), "r") as file:
             attributes = layout.attributes(file, any_number=True)
             if attributes["format"] != FORMAT or int(attributes["format_version"]) > FORMAT_VERSION:

@@ -1,4 +1,5 @@
-"""Read a file in a copy of this process: damaged files hang or crash the HDF5 library and scipy's MATLAB reader.
+"""Read a file that rths did not write in a copy of this process: damaged HDF5, MATLAB and TDMS files hang or crash
+their libraries.
 
 Windows cannot copy a process. A file is then read in this one, which a damaged file may end.
 """
@@ -14,7 +15,9 @@ import signal
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TypeVar
+from typing import TypeVar, cast
+
+from rths_cli.errors import InputError
 
 TIME_LIMIT_S = 20.0
 CHUNK_BYTES = 1 << 20
@@ -23,31 +26,16 @@ COPIES = hasattr(os, "fork")
 Read = TypeVar("Read")
 
 
-def survives(read: Callable[[], object]) -> bool:
-    """Say whether `read` ends, with a result or an exception, when a copy of this process calls it."""
-    if not COPIES:
-        return True
-    child = os.fork()
-    if child == 0:
-        _become_silent()
-        with suppress(BaseException):  # what it raises, it raises again where it counts
-            read()
-        os._exit(0)
-    try:
-        return _ended_well(child, time.monotonic() + TIME_LIMIT_S)
-    except BaseException:  # Ctrl-C
-        _end(child)
-        raise
-
-
 def read_in_copy(read: Callable[[], Read]) -> Read:
     """Return what `read` returns when a copy of this process calls it; nothing that it does to its memory stays.
 
-    Raises ValueError where `read` raises anything, crashes, or does not come to an end.
+    Raises its InputError, and ValueError where it raises anything else, crashes, or does not come to an end.
     """
     if not COPIES:
         try:
             return read()
+        except InputError:
+            raise
         except Exception as fault:
             raise ValueError("the file cannot be read") from fault
     receiving, sending = os.pipe()
@@ -55,7 +43,7 @@ def read_in_copy(read: Callable[[], Read]) -> Read:
     if child == 0:
         _become_silent()
         with suppress(BaseException), open(sending, "wb") as pipe:
-            pickle.dump(read(), pipe, pickle.HIGHEST_PROTOCOL)
+            pickle.dump(_outcome(read), pipe, pickle.HIGHEST_PROTOCOL)
             pipe.flush()
             os._exit(0)
         os._exit(1)
@@ -64,13 +52,23 @@ def read_in_copy(read: Callable[[], Read]) -> Read:
     try:
         with open(receiving, "rb", buffering=0) as pipe:
             told = _until_closed(pipe.fileno(), deadline)
-        if not _ended_well(child, deadline, 0):
+        if not _ended_well(child, deadline):
             raise ValueError("the file cannot be read, its reader crashes on it, or does not come to an end")
     except BaseException:  # Ctrl-C, too
         _end(child)
         raise
-    found: Read = pickle.loads(told)
-    return found
+    found, faults = pickle.loads(told)
+    if faults:
+        raise InputError(*faults)
+    return cast(Read, found)
+
+
+def _outcome(read: Callable[[], Read]) -> tuple[Read | None, tuple[str, ...]]:
+    """Return what `read` returns, or the sentences of its InputError."""
+    try:
+        return read(), ()
+    except InputError as error:
+        return None, error.faults
 
 
 def _become_silent() -> None:
@@ -90,13 +88,13 @@ def _until_closed(pipe: int, deadline: float) -> bytes:
     return bytes(told)
 
 
-def _ended_well(child: int, deadline: float, code: int | None = None) -> bool:
-    """Say whether a process ends by itself, with this exit code (None: any); end it at the deadline."""
+def _ended_well(child: int, deadline: float) -> bool:
+    """Say whether a process ends by itself, with exit code 0; end it at the deadline."""
     pause = 0.001
     while time.monotonic() < deadline:
         done, status = os.waitpid(child, os.WNOHANG)
         if done:
-            return os.WIFEXITED(status) and code in (None, os.WEXITSTATUS(status))
+            return os.WIFEXITED(status) and os.WEXITSTATUS(status) == 0
         time.sleep(pause)
         pause = min(2.0 * pause, 0.02)
     _end(child)

@@ -14,10 +14,9 @@ from rths_cli.case.case_schema import SEED_MAX
 from rths_cli.case.study_schema import MOST_RUNS
 from rths_cli.case.yaml_reader import parse
 from rths_cli.case.yaml_tree import Source, plain, printable
-from rths_cli.safe_text import shortened
+from rths_cli.safe_text import LONGEST_NAME, shortened
 from rths_cli.studies.plan import Axis
 
-MOST_DIGITS = 40
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 RANGE = re.compile(rf"({NUMBER}):({NUMBER}):([-+]?\d+)")
 WHOLE = re.compile(r"[-+]?\d+")
@@ -88,8 +87,8 @@ def unvaried(key: str) -> str:
 
 def _range(span: re.Match[str]) -> tuple[tuple[Any, ...], str]:
     """Return COUNT values from LOW to HIGH, both included, or what is wrong; whole steps between whole ends stay so."""
-    if max(map(len, span.groups())) > MOST_DIGITS:
-        return (), f"LOW, HIGH and COUNT may have {MOST_DIGITS} characters each, got {shortened(span[0], 60)}"
+    if max(map(len, span.groups())) > LONGEST_NAME:
+        return (), f"LOW, HIGH and COUNT may have {LONGEST_NAME} characters each, got {shortened(span[0], 60)}"
     low, high, count = float(span[1]), float(span[2]), int(span[3])
     if not (math.isfinite(low) and math.isfinite(high)):
         return (), f"LOW and HIGH must be finite numbers, got {span[0]}"

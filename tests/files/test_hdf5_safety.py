@@ -12,7 +12,6 @@ import pytest
 from portfolio import parametrize_first
 
 from rths_cli.errors import InputError
-from rths_cli.files import hdf5_heaps
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_safety import DEEPEST, LayoutError, held
 from rths_cli.files.result_listing import read_outlines
@@ -186,19 +185,6 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path, kind: str) -> None:
         read_checked(path)
 
 
-def test_a_collection_of_texts_that_does_not_end_is_refused(tmp_path: Path) -> None:
-    """The library reads zeros where an object should begin for ever."""
-    path = made(tmp_path)
-    image = bytearray(path.read_bytes())
-    first = image.index(b"GCOL") + 16
-    length = int.from_bytes(image[first + 8 : first + 16], "little")
-    after = first + 16 + -(-length // 8) * 8
-    image[after : after + 16] = bytes(16)
-    path.write_bytes(image)
-    with pytest.raises(InputError, match="damaged collection of texts"):
-        read_checked(path)
-
-
 def test_a_list_of_any_length_in_an_attribute_is_not_read(tmp_path: Path) -> None:
     """The library dies of one whose declaration is damaged: one flipped bit makes such a list of a text."""
     with h5py.File(tmp_path / "x.h5", "w") as file:
@@ -208,19 +194,6 @@ def test_a_list_of_any_length_in_an_attribute_is_not_read(tmp_path: Path) -> Non
         assert [held(file, name) for name in ("rig", "seed")] == ["lab", 5]
         with pytest.raises(LayoutError, match="'command_line' that holds neither texts nor numbers"):
             held(file, "command_line")
-
-
-def test_a_large_file_is_searched_by_parts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A collection that begins across the end of a part is found."""
-    whole = bytearray(3 * 4096)
-    for start in (4096 - 3, 8192):
-        image = bytearray(whole)
-        image[start : start + 24] = b"GCOL\x01\0\0\0" + (4096).to_bytes(8, "little") + b"\x01" + bytes(7)
-        path = tmp_path / f"{start}.bin"
-        path.write_bytes(image)
-        monkeypatch.setattr(hdf5_heaps, "PART_BYTES", 4096)
-        with pytest.raises(LayoutError, match="damaged collection of texts"):
-            hdf5_heaps.check_heaps(path)
 
 
 def test_a_result_that_lost_its_sample_rate_says_so(tmp_path: Path) -> None:

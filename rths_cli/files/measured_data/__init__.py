@@ -24,13 +24,12 @@ from rths_cli.files.measured_data.recording import Column, Contents, Recording
 from rths_cli.files.measured_data.sample_interval import Clock, choose_interval, read_clock
 from rths_cli.files.measured_data.units import FACTORS, is_time, unit_of
 from rths_cli.numerics.lti import Array
-from rths_cli.safe_text import shortened
+from rths_cli.safe_text import LONGEST_NAME, shortened
 
 __all__ = ["Chosen", "Recording", "choose", "mend", "missing", "read_recording", "write_recording"]
 
 MAX_BYTES = 1_000_000_000
 LEAST_SAMPLES = 3
-LONGEST_NAME = 200
 
 
 def read_recording(path: Path, dt_s: float | None = None) -> Recording:

@@ -13,15 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.matlab_files import Value, is_matlab, matlab_variables
+from rths_cli.files.matlab_files import is_matlab, series, variables_read_here
 from rths_cli.files.measured_data.hdf5_files import hdf5_contents
 from rths_cli.files.measured_data.named_variables import Variable, contents_of
 from rths_cli.files.measured_data.recording import Column, Contents, listed
 from rths_cli.files.measured_data.text_tables import text_contents
-from rths_cli.files.sandboxed_reading import survives
+from rths_cli.files.sandboxed_reading import read_in_copy
 from rths_cli.safe_text import shortened, visible
 
 READ = "CSV or text, MATLAB .mat, HDF5 or TDMS"
@@ -82,15 +81,13 @@ def _decode(path: Path, data: bytes) -> str:
 
 
 def _guarded(path: Path, kind: str, data: bytes) -> Contents:
-    """Read a binary format; whatever its library raises on a damaged file becomes one InputError."""
+    """Read a binary format in a copy of this process; a file on which its library fails becomes one InputError."""
     reader = {"HDF5": _hdf5, "TDMS": _tdms, "MATLAB": _matlab}[kind]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return reader(path, data)
-    except InputError:
-        raise
-    except Exception as error:  # foreign bytes: these libraries raise anything from OSError to IndexError
+            return read_in_copy(lambda: reader(path, data))
+    except ValueError as error:
         raise InputError(
             f"{path}: is a damaged or truncated {kind} file and cannot be read; export it again"
         ) from error
@@ -98,28 +95,16 @@ def _guarded(path: Path, kind: str, data: bytes) -> Contents:
 
 def _hdf5(path: Path, _: bytes) -> Contents:
     """Return the contents of an HDF5 file."""
-    if not survives(lambda: hdf5_contents(path)):
-        raise ValueError("the HDF5 library crashes on this file, or does not come to an end")
     return hdf5_contents(path)
 
 
 def _matlab(path: Path, _: bytes) -> Contents:
     """Return the contents of a MATLAB file up to version 7, fields of a structure as `structure/field`."""
     variables: dict[str, Variable] = {}
-    for name, value in matlab_variables(path).items():
+    for name, value in variables_read_here(path).items():
         fields = {f"{name}/{key}": each for key, each in value.items()} if isinstance(value, dict) else {name: value}
-        variables |= {key: Variable(_series(each)) for key, each in fields.items()}
+        variables |= {key: Variable(series(each)) for key, each in fields.items()}
     return contents_of(path, variables)
-
-
-def _series(value: Value) -> NDArray[Any] | list[str] | None:
-    """Return real numbers, the rows of a text or the texts of a cell array, None for anything else."""
-    if isinstance(value, tuple):
-        texts = ["".join(entry) for entry in value if isinstance(entry, list)]
-        return texts if len(texts) == len(value) else None
-    if isinstance(value, np.ndarray):
-        return value if value.dtype.kind in "iuf" else None
-    return (value or [""]) if isinstance(value, list) else None
 
 
 def _tdms(path: Path, data: bytes) -> Contents:

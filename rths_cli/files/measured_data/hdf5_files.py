@@ -14,7 +14,8 @@ from rths_cli.errors import InputError
 from rths_cli.files.durable_files import make_folder, part_of, publish, stamp
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_opening import RESTORE, Wanted, opened
-from rths_cli.files.hdf5_safety import LayoutError, check_storage, held, part, size_of, values_of
+from rths_cli.files.hdf5_safety import LayoutError, held, part, values_of
+from rths_cli.files.matlab_files import hdf5_value, series
 from rths_cli.files.measured_data.channel_starts import numbers_of, states_start
 from rths_cli.files.measured_data.named_variables import Variable, contents_of
 from rths_cli.files.measured_data.recording import Column, Contents, Recording
@@ -119,41 +120,17 @@ def _variable(path: Path, file: h5py.File, node: h5py.Dataset) -> Variable:
     """Return numbers, texts or neither from a dataset, with the unit and rate its attributes state."""
     import h5py
 
-    try:
-        check_storage(node.id, node.name, size_of(file))
-    except LayoutError as error:
-        raise InputError(f"{path}: {error}; export the recording again") from error
     kind = _text(_held(node, "MATLAB_class", ""))
     unit = next((_text(_held(node, key, "")) for key in _UNIT_ATTRIBUTES if key in node.attrs), "")
     if node.shape is None or _held(node, "MATLAB_empty", 0):
         return Variable(None)
-    if kind == "cell" or h5py.check_ref_dtype(node.dtype) is h5py.Reference:
-        return Variable(_cell_texts(file, node))
-    if kind == "char":
-        return Variable(_char_texts(node))
+    if kind in ("cell", "char") or h5py.check_ref_dtype(node.dtype) is h5py.Reference:
+        texts = series(hdf5_value(file, node))
+        return Variable(texts if isinstance(texts, list) else None)
     if h5py.check_string_dtype(node.dtype) is not None:
         return Variable([str(text) for text in np.atleast_1d(node.asstr()[()]).reshape(-1)])
     numeric = node.dtype.kind in "iuf" and kind != "logical"
     return Variable(np.asarray(node[()]) if numeric else None, unit, _rates(node), _starts(node))
-
-
-def _cell_texts(file: h5py.File, node: h5py.Dataset) -> list[str] | None:
-    """Return the texts that a MATLAB cell array of texts refers to, None for any other cell array."""
-    texts = []
-    for reference in np.asarray(node[()]).reshape(-1):
-        target = file[reference]
-        if _text(_held(target, "MATLAB_class", "")) != "char":
-            return None
-        texts.append("".join(_char_texts(target)))
-    return texts
-
-
-def _char_texts(node: h5py.Dataset) -> list[str]:
-    """Return the rows of a MATLAB char array, which is stored as character codes, transposed."""
-    if _held(node, "MATLAB_empty", 0):
-        return [""]
-    codes = np.atleast_2d(np.asarray(node[()])).T
-    return ["".join(chr(int(code)) for code in row) for row in codes]
 
 
 def _rates(node: h5py.HLObject) -> dict[str, float]:

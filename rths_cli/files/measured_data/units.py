@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 
-from rths_cli.files.accelerograms import AMBIGUOUS, FACTORS_M_S2, find_unit
+from rths_cli.files.accelerograms import AMBIGUOUS, find_unit
+from rths_cli.numerics.constants import FACTORS as OF_QUANTITY
 
 FACTORS: dict[str, tuple[float, str]] = {
-    "V": (1.0, "V"),
-    "mV": (0.001, "V"),
-    **{unit: (factor, "m/s^2") for unit, factor in FACTORS_M_S2.items()},
+    **{unit: (factor, "V") for unit, factor in OF_QUANTITY["voltage"].items()},
+    **{unit: (factor, "m/s^2") for unit, factor in OF_QUANTITY["acceleration"].items()},
 }
 """Units of a channel: the factor to V or m/s^2, and which of the two."""
 

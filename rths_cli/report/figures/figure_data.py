@@ -174,17 +174,19 @@ def thinned(time_s: Array, values: Array, points: int) -> tuple[Array, Array]:
     if values.size <= points:
         return time_s, values
     for stretches in (points - 1, 3 * points // 4, points // 2):
-        kept = _extremes(values, stretches)
+        length = -(-(values.size - 1) // stretches)
+        kept = extremes(values, np.arange(0, values.size - 1, length), length + 1)
         if kept.size <= points:
             break
     return time_s[kept], values[kept]
 
 
-def _extremes(values: Array, stretches: int) -> Integers:
-    """Return the indices of the smallest and largest value of each stretch, in ascending order, each index once."""
-    last = values.size - 1
-    length = -(-last // stretches)
-    places = np.minimum(np.arange(0, last, length)[:, None] + np.arange(length + 1), last)
+def extremes(values: Array, starts: Integers, length: int) -> Integers:
+    """Return the indices of the smallest and largest finite value of each stretch, in ascending order, each once.
+
+    A stretch has `length` samples from one of `starts` on; of one without numbers its first sample is taken.
+    """
+    places = np.minimum(starts[:, None] + np.arange(length), values.size - 1)
     inside = values[places]
     known = np.isfinite(inside)
     rows = np.arange(len(places))

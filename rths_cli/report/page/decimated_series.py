@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.numerics.lti import Array, Integers
+from rths_cli.report.figures.figure_data import extremes
 
 BUCKETS = 8000  # of a series at most, two samples each: several times what a screen has columns, to zoom into
 MOST_CHARACTERS = 3_400_000  # of all series of a page
@@ -42,16 +43,10 @@ def kept(values: Array, width: int) -> Integers:
 
     `values`: samples (n,). Of a bucket without a finite sample its first one is kept, so that a gap remains visible.
     """
-    padded = np.full(math.ceil(values.size / width) * width, np.nan)
-    padded[: values.size] = values
-    buckets = padded.reshape(-1, width)
-    lost = np.isnan(buckets)
-    lowest = np.where(lost, np.inf, buckets).argmin(axis=1)
-    highest = np.where(lost, -np.inf, buckets).argmax(axis=1)
-    starts = np.arange(len(buckets)) * width
-    ends = np.array([0, values.size - 1] if values.size else [], dtype=np.int64)
-    found = np.unique(np.concatenate([starts + lowest, starts + highest, ends]))
-    return np.asarray(found[found < values.size], dtype=np.int64)
+    if not values.size:
+        return np.zeros(0, dtype=np.int64)
+    found = extremes(values, np.arange(0, values.size, width), width)
+    return np.union1d(found, np.array([0, values.size - 1]))
 
 
 def envelope(values: Array, start_s: float, step_s: float, width: int) -> Envelope:

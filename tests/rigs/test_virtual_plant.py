@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import DT_S, LINEAR, equations, held, ideal_info, linear_table, play_plant, rig_info, run_plant, specimen
+from portfolio import parametrize_first
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
@@ -48,7 +49,8 @@ def test_without_friction_the_table_is_the_exact_linear_one() -> None:
         assert peak(accelerations - rows @ oracle) < 1e-9 * peak(rows @ oracle)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("physics", "command_v", "interface_mass"),
     [
         (SHIPPED, 0.15, 0.0),

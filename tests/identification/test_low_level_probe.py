@@ -172,9 +172,9 @@ def test_burst_that_limits_hold_down_lowers_nothing() -> None:
     assert level.limited_by == ""
 
 
-@parametrize_first(4, "kind", ["noise", "multisine", "sweep", "step"])
+@parametrize_first(2, "kind", ["noise", "multisine", "sweep", "step"])
 @parametrize_first(
-    4,
+    2,
     ("name", "limits"),
     [
         ("stroke", {"stroke_m": 0.012}),

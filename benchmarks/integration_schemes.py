@@ -24,8 +24,6 @@ from rths_cli.case.load import load_cases
 from rths_cli.experiment.setup import make_setup
 from rths_cli.numerics.lti import Array
 
-SHORT = ("--seconds", "0.5")
-
 STIFFNESS, YIELD_M, HARDENING = 7353.98, 0.002, 0.05
 GAP_M, CONTACT, CUBIC = 0.003, 7000.0, 2e8
 STEPS_S = 0.0005, 0.001, 0.002, 0.004
@@ -257,7 +255,7 @@ def main() -> None:
     """Print the tables."""
     parser = arguments(__doc__)
     parser.add_argument("--seconds", type=float, default=20.0)
-    seconds = parsed(parser, SHORT).seconds
+    seconds = parsed(parser).seconds
     print(f"{'law':<10}{'step ms':>8}" + "".join(f"{name:>18}" for name in SCHEMES))
     for law in LAWS:
         for dt in STEPS_S:

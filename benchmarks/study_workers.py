@@ -20,9 +20,6 @@ from pathlib import Path
 
 from options import arguments, parsed
 
-SHORT = ("--runs", "4", "--rounds", "1")
-PRINTS = "^median"  # the short form at its end
-
 CASE = "el_centro_low_ff_fb"
 SEEN_EACH_S = 0.02
 
@@ -64,7 +61,7 @@ def main() -> int:
     parser = arguments(__doc__)
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--rounds", type=int, default=3)
-    asked = parsed(parser, SHORT)
+    asked = parsed(parser)
     runs, rounds = asked.runs, asked.rounds
     half = runs // 2
     ratios = []

@@ -26,6 +26,8 @@ from rths_cli.report.page.document import page
 from rths_cli.report.result_tables import tables
 from rths_cli.structure import Building, assemble, build
 
+pytestmark = pytest.mark.campaign
+
 ROOT = Path(__file__).parents[1]
 CASE = "el_centro_low_ff_fb"
 PAGE = ROOT / "docs" / "reference" / "parts.md"
@@ -113,7 +115,6 @@ def declared(tall: dict[str, object], tmp_path_factory: pytest.TempPathFactory) 
     return rths_cli.run(CASE, settings=tall, parts={"numerical": storeys_of(own, own)}, output=output)
 
 
-@pytest.mark.campaign
 def test_references_are_those_of_the_building_that_a_part_declares(
     tall: dict[str, object], declared: rths_cli.RunResult
 ) -> None:

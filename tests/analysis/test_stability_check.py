@@ -12,6 +12,7 @@ import pytest
 from bench import DT_S, ideal_info, rig_info
 from hybrid import best_like, paper_like, storeys
 from open_loop import points, rig_as_identified
+from portfolio import parametrize_first
 from scipy.linalg import block_diag
 
 from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, slow_roots, spectral_radius
@@ -271,8 +272,8 @@ def test_an_endless_growth_stays_a_number() -> None:
     assert found.growth == pytest.approx(1e99)
 
 
-@pytest.mark.parametrize("gain", [GAIN, 0.01, 0.0])
-@pytest.mark.parametrize("make", [best_like, paper_like])
+@parametrize_first(1, "gain", [GAIN, 0.01, 0.0])
+@parametrize_first(1, "make", [best_like, paper_like])
 def test_the_grid_finds_the_peak_that_a_fine_one_finds(make: Callable[[RigInfo], Blocks], gain: float) -> None:
     """And margins on the measured response are those of the model where both agree."""
     blocks = make(ideal_info())

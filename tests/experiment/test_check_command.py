@@ -235,7 +235,8 @@ def test_two_faults_are_both_told(tmp_path: Path, memory: Memory) -> None:
     assert "shake-table test refused, unsafe" in ended.reason and "EXP-RTHS refused, unsafe" in ended.reason
 
 
-@parametrize_first(1, "case", [CASE, "hachinohe_high_ff"])
+@pytest.mark.campaign
+@pytest.mark.parametrize("case", [CASE, "hachinohe_high_ff"])
 def test_the_largest_safe_scaling_is_safe_and_a_third_more_is_stopped(
     tmp_path: Path, memory: Memory, case: str
 ) -> None:

@@ -62,6 +62,7 @@ def test_with_coarse_samples_the_specimen_is_trusted(tmp_path: Path, memory: Mem
             assert values["controller.reaction_feedforward"] == 0.0 < values["controller.friction_compensation"] == 1.0
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("settings", "factor"),
     [

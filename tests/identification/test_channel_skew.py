@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from made_records import make_specimen
+from portfolio import parametrize_first
 from test_specimen_fit import DT, floors, table_motion
 
 from rths_cli.identification.identify_specimen import skew
@@ -12,7 +13,7 @@ from rths_cli.identification.specimen_fit import Motion, Start
 from rths_cli.structure import storey_values
 
 
-@pytest.mark.parametrize("late", [-2, 0, 1, 3])
+@parametrize_first(1, "late", [-2, 0, 1, 3])
 def test_delay_of_whole_samples_is_found(late: int) -> None:
     specimen, table = make_specimen(), table_motion()
     moved = np.roll(floors(specimen, table), late, axis=1)

@@ -156,6 +156,7 @@ def test_several_records_count_as_one_long_one() -> None:
     assert both.averages > 30
 
 
+@pytest.mark.campaign
 def test_whole_periods_leak_nothing() -> None:
     model, period = make_model(3.2, 0.005), 20000
     lines = np.arange(3, 200)

@@ -164,6 +164,7 @@ def dahl(velocity: np.ndarray, stuck_m: float) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.campaign
 def test_made_up_friction_is_found_with_an_uncertainty_that_holds() -> None:
     kappa, info = 3e-4, make_info(make_specimen())
     found = [estimate([made_up(seed, kappa, 0.1)], SIMPLE, info) for seed in range(16)]

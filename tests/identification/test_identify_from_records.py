@@ -116,6 +116,7 @@ def test_staircase_is_taken_out_of_the_table_only(first: Excited) -> None:
     assert without_staircase(np.zeros(6), command, coupled) == pytest.approx(wanted)
 
 
+@pytest.mark.campaign
 def test_a_table_without_friction_is_found_to_half_a_thousandth_at_1_khz() -> None:
     """Its smooth response, hold included, from samples with alias and AC coupling: 0.4 % off at 0.7 Hz where the
     alias's integral is left in them."""

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from campaigns.own_chains import made_chain
 from campaigns.own_plant import Plant
-from portfolio import parametrize_first
 
 from rths_cli.identification.identify import identify
 from rths_cli.identification.results import Identification
@@ -51,7 +50,8 @@ def test_the_cause_is_told(plant: Plant, table: tuple[str, ...] | None, storeys:
     assert "hum" not in reasons
 
 
-@parametrize_first(1, "softening_m", [0.1, 0.05, np.inf])
+@pytest.mark.campaign
+@pytest.mark.parametrize("softening_m", [0.1, 0.05, np.inf])
 def test_the_frequency_of_a_storey_at_small_drift_lies_within_what_is_stated_at_full_level(softening_m: float) -> None:
     specimen = found(replace(STIFF_SERVO, softening_m=softening_m)).specimen
     assert specimen is not None

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from made_records import make_info, make_specimen
+from portfolio import parametrize_first
 from scipy.signal import bilinear, lfilter, periodogram
 
 from rths_cli.errors import InputError
@@ -171,8 +172,9 @@ def test_burst_that_limits_hold_down_lowers_nothing() -> None:
     assert level.limited_by == ""
 
 
-@pytest.mark.parametrize("kind", ["noise", "multisine", "sweep", "step"])
-@pytest.mark.parametrize(
+@parametrize_first(2, "kind", ["noise", "multisine", "sweep", "step"])
+@parametrize_first(
+    2,
     ("name", "limits"),
     [
         ("stroke", {"stroke_m": 0.012}),

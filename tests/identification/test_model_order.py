@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from made_linear import DT
 from made_records import make_info, make_specimen
+from portfolio import parametrize_first
 
 from rths_cli.identification import model_order
 from rths_cli.identification.excitation import ExcitationSettings, Kind, plan
@@ -61,7 +62,8 @@ def improved(found: Fit, raw: Frf, record: Record) -> tuple[Fit, Frf]:
     return found, clean
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    3,
     ("name", "lags_hz", "extra_s", "frame", "noise_m_s2"),
     [
         ("no lag", (), 0.0, (), 1e-2),

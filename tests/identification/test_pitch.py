@@ -91,6 +91,7 @@ def test_uncertainties_cover_the_errors_of_many_records():
     assert 0.5 < np.sqrt(np.mean(np.square(over))) < 1.2
 
 
+@pytest.mark.campaign
 def test_a_rigid_base_is_not_said_to_pitch():
     assert not pitch_of(motion(3, 0.0, rising(3))).seen
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from made_linear import DT
 from made_records import make_info, make_specimen
+from portfolio import parametrize_first
 
 from rths_cli.errors import InputError
 from rths_cli.identification.excitation import (
@@ -27,9 +28,9 @@ def planned(kind: Kind, bits: int, seed: int, duration_s: float = 90.0) -> Excit
     return plan(make_info(make_specimen(), bits), ExcitationSettings(duration_s=duration_s, kind=kind), seed)
 
 
-@pytest.mark.parametrize("bits_of_noise", [0.0, 1.0])
-@pytest.mark.parametrize("bits", [0, 16])
-@pytest.mark.parametrize("kind", ["noise", "step", "multisine", "sweep"])
+@parametrize_first(4, "bits_of_noise", [0.0, 1.0])
+@parametrize_first(4, "bits", [0, 16])
+@parametrize_first(4, "kind", ["noise", "step", "multisine", "sweep"])
 def test_parts_are_those_of_the_plan(kind: Kind, bits: int, bits_of_noise: float) -> None:
     made = planned(kind, bits, 3)
     noise = bits_of_noise * BIT_V * np.random.default_rng(1).uniform(-1.0, 1.0, len(made.command_v))

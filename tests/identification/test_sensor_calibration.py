@@ -270,6 +270,7 @@ def test_uncertainties_cover_the_errors_of_many_records(joints):
     assert 0.7 < np.sqrt(np.mean(np.square(over))) < 1.3
 
 
+@pytest.mark.campaign
 def test_no_record_makes_gains_and_masses_as_certain_as_its_noise():
     """Motion across a sensor and joints that rub leave 0.02 % of a gain and 0.05 % of a mass, at most the declared."""
     seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), seconds=40.0, noise=1e-6)
@@ -300,6 +301,7 @@ def test_what_is_declared_as_exact_stays():
     assert not kept.coupling.any() and not kept.late_s.any() and kept.gain.all()
 
 
+@pytest.mark.campaign
 def test_gains_that_are_not_exact_as_declared_are_taken_for_no_corner():
     """Far below the first mode the table's gain and its AC corner look alike over an octave."""
     seen, dt_s = motion(np.array([1.01, 1.0, 1.0]), np.ones(3), np.zeros(3), np.ones(2), ripple=0.02)
@@ -326,6 +328,7 @@ def test_a_corner_of_the_table_and_an_alias_that_look_the_same_are_both_left_ope
     assert abs(np.log(known.coupling[0] / known.coupling[1]) - np.log(1.15)) > 10.0 * known.error_of(pair)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("common", [0.8, 1.2])
 def test_the_alias_that_the_tables_model_took_for_a_corner_shows_the_corner_of_all_sensors(common):
     """The model's alias, fitted with the declared corner, hides the true one; the floors show what is missing.

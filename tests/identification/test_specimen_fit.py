@@ -41,7 +41,8 @@ def fitted(specimen: Specimen, table: np.ndarray, moved: np.ndarray) -> Specimen
     return fit_specimen([Motion(table, moved)], DT, specimen.masses_kg, 0.5, first)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    2,
     ("stiffness", "ratios"),
     [
         ((7331.56, 7376.40), (0.043, 0.039)),
@@ -224,6 +225,7 @@ def test_true_values_lie_within_the_random_uncertainties(
         assert abs(apart.mean()) < 0.4
 
 
+@pytest.mark.campaign
 def test_clock_and_skew_are_added_to_the_random_uncertainty(
     drawn: list[tuple[Specimen, np.ndarray, np.ndarray]],
 ) -> None:

@@ -23,6 +23,7 @@ from further_channels import (
     with_channels,
 )
 from hybrid import best_like, ground, open_limits
+from portfolio import parametrize_first
 from scipy.signal import butter, sosfiltfilt
 
 from rths_cli.control import feedback, sensor_correction
@@ -76,8 +77,8 @@ def test_the_base_shear_of_a_run_by_a_perfect_cell_is_equation_2_6(interface_mas
     assert np.abs(log.base_shear_n - wanted).max() <= 1e-9 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("make", [best_with_cell, paper_with_cell])
-@pytest.mark.parametrize("interface_mass", [0.0, 1.2])
+@parametrize_first(2, "make", [best_with_cell, paper_with_cell])
+@parametrize_first(2, "interface_mass", [0.0, 1.2])
 def test_the_compiled_step_takes_the_load_cell_as_the_reference_does(
     make: Callable[..., Blocks], interface_mass: float
 ) -> None:

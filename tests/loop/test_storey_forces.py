@@ -240,7 +240,8 @@ def followed(numbers: Array, curve: Array, table: Array, memory: Array, drifts: 
         forces[k] = hysteresis(numbers, curve, table, memory, drifts[k])
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    2,
     ("n", "beta", "gamma", "within"),
     [
         (1.0, 0.5, 0.5, 2e-5),
@@ -277,7 +278,8 @@ def test_bouc_and_wen_s_variable_follows_its_equation(n: float, beta: float, gam
     assert np.abs(forces / limit + drifts / limit - wanted).max() < within
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    2,
     ("law", "within"),
     [
         (BoucWen(1.0, 1e-3, 0.1, 1.0, delta_a=0.01), 2e-5),

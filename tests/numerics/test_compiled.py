@@ -42,6 +42,7 @@ def folder_of(root: Path) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.campaign
 def test_a_change_in_any_part_moves_the_cache_and_one_above_the_loop_does_not(tmp_path: Path) -> None:
     shutil.copytree(PACKAGE, tmp_path / "rths_cli", ignore=shutil.ignore_patterns("__pycache__"))
     before = folder_of(tmp_path)

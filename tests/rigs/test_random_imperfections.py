@@ -15,6 +15,7 @@ import pytest
 import yaml
 from bench import DT_S, LINEAR, ideal_info, specimen
 from further_channels import cell, displacement, strain, with_channels
+from portfolio import parametrize_first
 from scipy.linalg import toeplitz
 from scipy.stats import chi2, kstest, norm, truncnorm
 
@@ -130,7 +131,7 @@ FURTHER = (displacement(noise_rms=2e-5), cell(noise_rms=0.05), strain())
 QUIET: dict[str, Any] = {"channels": {"offset_v": 1e-30}}
 
 
-@pytest.mark.parametrize("stated", [{}, QUIET], ids=["as declared", "with imperfections"])
+@parametrize_first(1, "stated", [{}, QUIET], ids=["as declared", "with imperfections"])
 def test_each_channel_has_its_noise(stated: dict[str, Any]) -> None:
     """White, of the stated size, independent between channels and runs, and of that in the rest before a run."""
     info, count = with_channels(ideal_info(), FURTHER), 10000
@@ -172,6 +173,7 @@ def moving(samples: int) -> Array:
     return np.sin(2.0 * np.pi * 5.0 * time) + 0.5 * np.sin(2.0 * np.pi * 31.0 * time)
 
 
+@pytest.mark.campaign
 def test_samples_jitter_as_stated() -> None:
     """What a sample misses over the rate at which the acceleration changes there: all channels share the instant."""
     info, command, h = ideal_info(high_pass_hz=0.0), moving(4000), 2e-5

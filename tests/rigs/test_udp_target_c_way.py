@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from packets import Packet, opened, plain_siphash
+from portfolio import parametrize_first
 from smooth_way import smooth_way
 
 from rths_cli.rigs.udp import packets
@@ -106,8 +107,8 @@ def target(tmp_path: Path) -> Iterator[Clocked]:
     clocked.process.wait()
 
 
-@pytest.mark.parametrize("spacing", [1, 8])
-@pytest.mark.parametrize("count", [1, 2, 14])
+@parametrize_first(2, "spacing", [1, 8])
+@parametrize_first(2, "count", [1, 2, 14])
 def test_it_goes_the_way_it_is_told_then_holds(target: Clocked, spacing: int, count: int) -> None:
     points = 0.02 * spacing * np.sin(np.arange(1.0, count + 1))
     assert target.command(5_000_000, struct.pack(f"<dq{count}d", 0.01, spacing, *points))[0] == 0.01
@@ -159,7 +160,7 @@ def test_it_goes_no_faster_than_its_limit_and_no_farther_than_its_range(target: 
     assert target.held(5_000_000, 6) == pytest.approx([9.7, 9.827, 9.954, 10.0, 10.0, 10.0], rel=1e-12)
 
 
-@pytest.mark.parametrize(("spacing", "last"), [(0, 0.1), (-1, 0.1), (1001, 0.1), (4, np.nan), (4, np.inf), (4, 1e308)])
+@parametrize_first(2, ("spacing", "last"), [(0, 0.1), (-1, 0.1), (1001, 0.1), (4, np.nan), (4, np.inf), (4, 1e308)])
 def test_a_way_that_is_no_good_makes_it_hold(target: Clocked, spacing: int, last: float) -> None:
     target.command(5_000_000, struct.pack("<dq2d", 0.01, spacing, 0.1, last))
     assert target.held(5_000_000, 20) == [0.01] * 20

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import DT_S, LINEAR, equations, held, ideal_info, linear_table, play_plant, rig_info, run_plant, specimen
+from portfolio import parametrize_first
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
@@ -48,7 +49,8 @@ def test_without_friction_the_table_is_the_exact_linear_one() -> None:
         assert peak(accelerations - rows @ oracle) < 1e-9 * peak(rows @ oracle)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("physics", "command_v", "interface_mass"),
     [
         (SHIPPED, 0.15, 0.0),
@@ -91,7 +93,7 @@ HALVED = [
 ]
 
 
-@pytest.mark.parametrize(("physics", "dt_s", "size_v"), HALVED)
+@parametrize_first(2, ("physics", "dt_s", "size_v"), HALVED)
 def test_halving_the_inner_step_changes_nothing_by_a_millionth_of_the_peak(
     physics: VirtualPhysics, dt_s: float, size_v: float
 ) -> None:
@@ -154,7 +156,7 @@ def test_sensors_with_their_shipped_corners_are_exact() -> None:
     assert peak(samples - wanted) < 1e-9 * peak(wanted)
 
 
-@pytest.mark.parametrize(("high_pass_hz", "low_pass_hz"), [(0.0, 80.0), (0.5, 80.0), (3.0, 40.0)])
+@parametrize_first(1, ("high_pass_hz", "low_pass_hz"), [(0.0, 80.0), (0.5, 80.0), (3.0, 40.0)])
 def test_sensors_answer_as_their_two_corners_say(high_pass_hz: float, low_pass_hz: float) -> None:
     """A sine of 5 Hz after its transient against table, hold and sensor in the frequency domain."""
     frequency, settle, count, dt_s = 5.0, 24000, 8000, 2.5e-4

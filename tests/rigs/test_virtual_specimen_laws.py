@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from adaptive_storeys import KINDS
 from bench import DT_S, ideal_info, play_plant, run_plant, specimen
+from portfolio import parametrize_first
 from scipy.integrate import solve_ivp
 
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
@@ -114,7 +115,8 @@ def solved(physics: VirtualPhysics, stated: Stated, command_v: Array) -> tuple[A
     return states, accels, events
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    2,
     ("stated", "size_v", "least_events"),
     [
         ([[BILINEAR], []], 1.0, 4),

@@ -18,7 +18,6 @@ import h5py
 import numpy as np
 import pytest
 from campaigns.study_interruptions import CASE, datasets, write_case
-from portfolio import parametrize_first
 
 from rths_cli.case.load import PlacedSettings, written_case
 from rths_cli.errors import InputError
@@ -99,7 +98,8 @@ def swept(request: SweepRequest, path: Path, engine: Engine, watcher: Watcher | 
     return run_sweep(replace(request, output=path, engine=engine), watcher or Watcher())  # type: ignore[arg-type]
 
 
-@parametrize_first(1, "jobs", [1, 3])
+@pytest.mark.campaign
+@pytest.mark.parametrize("jobs", [1, 3])
 def test_processes_give_the_bytes_of_one_process(
     inline: Swept, request_of: SweepRequest, tmp_path: Path, jobs: int
 ) -> None:

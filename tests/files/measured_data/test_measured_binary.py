@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from nptdms import ChannelObject, TdmsWriter
 from numpy.typing import NDArray
+from portfolio import parametrize_first
 
 from rths_cli.errors import InputError
 from rths_cli.files.matlab_files import matlab_variables
@@ -63,8 +64,8 @@ MATLAB = {
 }
 
 
-@pytest.mark.parametrize("form", MATLAB)
-@pytest.mark.parametrize("compressed", [False, True])
+@parametrize_first(6, "form", MATLAB)
+@parametrize_first(6, "compressed", [False, True])
 def test_matlab_v5(tmp_path: Path, form: str, compressed: bool) -> None:
     scipy.io.savemat(tmp_path / "made.mat", MATLAB[form], do_compression=compressed)
     check(read_recording(tmp_path / "made.mat"))
@@ -74,8 +75,8 @@ REAL = Path(scipy.io.__file__).parent / "matlab" / "tests" / "data"
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="this scipy comes without its test files")
-@pytest.mark.parametrize("made_by", ["6.1_SOL2", "6.5.1_GLNX86", "7.4_GLNX86"])
-@pytest.mark.parametrize("kind", ["double", "matrix", "minus", "3dmatrix", "string", "stringarray"])
+@parametrize_first(6, "made_by", ["6.1_SOL2", "6.5.1_GLNX86", "7.4_GLNX86"])
+@parametrize_first(6, "kind", ["double", "matrix", "minus", "3dmatrix", "string", "stringarray"])
 def test_files_that_matlab_itself_wrote(kind: str, made_by: str) -> None:
     path = REAL / f"test{kind}_{made_by}.mat"
     mine = matlab_variables(path)[f"test{kind}"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import click
 
@@ -20,7 +20,6 @@ rejected; 2 bad usage or input, nothing written; 3 stopped by a limit of the gua
 unusable; 5 our bug; 130 Ctrl-C; 143 SIGTERM.
 """
 SHARED = "## Options of several commands"
-OPTION_COLUMNS = ("option", "does [default, limits]")
 ANCHOR = "options-of-several-commands"
 SEVERAL = 3  # commands from which on an option with the same words is told once
 Row = tuple[str, str]
@@ -31,14 +30,14 @@ def commands_page() -> str:
     rows = {name: list(_option_rows(command)) for name, command in cli.commands.items()}
     held = Counter(row for own in rows.values() for row in own)
     shared = [row for row, number in held.items() if number >= SEVERAL]
-    parts = [HEAD.rstrip(), "## `rths`", *_told(cli), _table(OPTION_COLUMNS, _option_rows(cli))]
+    parts = [HEAD.rstrip(), "## `rths`", *_told(cli), _list(_option_rows(cli))]
     for name in sorted(cli.commands):
         parts += _command(name, cli.commands[name], [row for row in rows[name] if row not in shared])
         further = [_first_name(row) for row in rows[name] if row in shared and held[row] < len(rows)]
         parts += [f"Also {', '.join(further)} ([described below](#{ANCHOR}))."] if further else []
     of_all = [row for row in shared if held[row] == len(rows)]
     parts += [SHARED, f"Every command has {', '.join(_first_name(row) for row in of_all)}."]
-    parts += [_table(OPTION_COLUMNS, iter([*of_all, *(row for row in shared if row not in of_all)]))]
+    parts += [_list([*of_all, *(row for row in shared if row not in of_all)])]
     return "\n\n".join(parts) + "\n"
 
 
@@ -56,7 +55,7 @@ def _command(name: str, command: click.Command, own: list[Row]) -> Iterator[str]
     if stated:
         yield "Without it: " + ", ".join(f"`{p.default}`" for p in stated) + "."
     if own:
-        yield _table(OPTION_COLUMNS, iter(own))
+        yield _list(own)
 
 
 def _told(command: click.Command) -> Iterator[str]:
@@ -80,6 +79,5 @@ def _option_rows(command: click.Command) -> Iterator[Row]:
             yield f"`{names}`", f"{text} [{limits}]" if limits else text
 
 
-def _table(columns: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> str:
-    lines = [" | ".join(cell.replace("|", "\\|") for cell in cells) for cells in rows]
-    return "\n".join(f"| {line} |" for line in (" | ".join(columns), " | ".join(["---"] * len(columns)), *lines))
+def _list(rows: Iterable[Row]) -> str:
+    return "\n".join(f"- {names}: {about}" for names, about in rows)

@@ -17,7 +17,6 @@ from rths_cli.case.study_schema import DISTRIBUTIONS, FolderAxis, ListAxis, Rang
 
 Schema = Mapping[str, Any]
 Row = tuple[str, str, str, str]
-COLUMNS = ("key", "value", "default", "meaning")
 WORD_OF_TYPE = {
     "number": "number", "integer": "whole", "string": "text", "boolean": "true or false", "object": "mapping",
 }  # fmt: skip
@@ -52,9 +51,9 @@ FILES = {
     ),
 }
 HOW_TO_READ = (
-    "This page is made by `python tests/helpers/docs_reference.py` from the models that check the files. The unit of a "
-    "number is the ending of its key. *value* has the permitted range: `(0, 1]` is a number above 0 and up to 1, `[0,` "
-    "has no upper limit. An empty *default* means nothing, or what the meaning says; **required** keys must be stated."
+    "This page is made by `python tests/helpers/docs_reference.py` from the models that check the files. Behind a key "
+    "stand what it takes and its default, **required** where it must be stated; a key without them takes a mapping. "
+    "The unit of a number is the ending of its key. `(0, 1]` is a number above 0 and up to 1; `[0,` has no upper limit."
 )
 RIGS: dict[str, type[BaseModel]] = {
     "virtual": VirtualRigSpec,
@@ -104,7 +103,8 @@ def _but_for_default(row: Row) -> tuple[str, str, str]:
 def _with_both_defaults(virtual: Row, real: Row) -> Row:
     if virtual == real:
         return virtual
-    told = ", ".join(f"{name} {row[2]}" for name, row in (("virtual", virtual), ("real", real)) if row[2])
+    defaults = (("virtual", virtual[2].removeprefix("default ")), ("real", real[2].removeprefix("default ")))
+    told = ", ".join(f"{name} {default}" for name, default in defaults if default)
     return virtual[0], virtual[1], told, virtual[3]
 
 
@@ -126,9 +126,15 @@ def _page(name: str, tables: list[tuple[str, Iterable[Row]]]) -> str:
     title, about = FILES[name]
     parts = [f"# {title}", about, HOW_TO_READ]
     for heading, rows in tables:
-        lines = [f"| {' | '.join(cells)} |" for cells in (COLUMNS, ("---",) * len(COLUMNS), *rows)]
-        parts += [f"## {heading}", "\n".join(lines)]
+        parts += [f"## {heading}", "\n".join(map(_line, rows))]
     return "\n\n".join(parts) + "\n"
+
+
+def _line(row: Row) -> str:
+    """Return the entry of a key: its value, its default where it has one, its meaning."""
+    key, value, default, meaning = row
+    told = ", ".join(filter(None, ("" if value == "mapping" else value, default)))
+    return f"- {key}{f' {told}' if told else ''}: {meaning}"
 
 
 def _rows(model: type[BaseModel], prefix: str, skip: tuple[str, ...] = ()) -> Iterator[Row]:
@@ -229,10 +235,10 @@ def _default(field: Schema) -> str:
     if value is None or value is PydanticUndefined or isinstance(value, dict) or value in ("", "inline"):
         return ""
     if isinstance(value, bool):
-        return f"`{str(value).lower()}`"
-    return f"`{value:g}`" if isinstance(value, float) else f"`{value}`".replace("'", "")
+        return f"default `{str(value).lower()}`"
+    return f"default `{value:g}`" if isinstance(value, float) else f"default `{value}`".replace("'", "")
 
 
 def _meaning(field: Schema) -> str:
     """Return what a key means, as its model says."""
-    return str(field.get("description", "")).replace("|", "\\|").replace("\n", " ")
+    return str(field.get("description", "")).replace("\n", " ")

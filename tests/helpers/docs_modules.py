@@ -16,6 +16,7 @@ ORDER = (
 )  # fmt: skip
 SUBORDINATE = ("After", "From", "If", "When", "Where")  # a comma in such a sentence is no end of a clause
 LEAST = 12  # characters that say what a module is for
+LONG = 4  # characters of a word that says something
 WHOLE = 40  # characters of a sentence that is not cut
 
 
@@ -45,7 +46,15 @@ def _package(folder: Path) -> Iterator[str]:
 def _modules(folder: Path) -> Iterator[str]:
     for path in sorted(folder.glob("*.py")):
         if path.name != "__init__.py":
-            yield f"- `{path.stem}`: {_clause(_first_sentence(path))}"
+            clause = _clause(_first_sentence(path))
+            yield f"- `{path.stem}`" if _says_no_more(path.stem, clause) else f"- `{path.stem}`: {clause}"
+
+
+def _says_no_more(name: str, clause: str) -> bool:
+    """Tell whether a clause has hardly a word that its module's name does not have."""
+    words = [word for word in re.findall(r"[a-z0-9]+", clause.lower()) if len(word) >= LONG]
+    stems = [part[:LONG] for part in name.split("_")]
+    return sum(not word.startswith(tuple(stems)) for word in words) <= 1
 
 
 def _clause(sentence: str) -> str:

@@ -27,7 +27,7 @@ def documented(page: str, kind: str = "") -> dict[str, str]:
     if kind:
         parts = re.split(r"^## ", text, flags=re.MULTILINE)
         text = "\n".join(part for part in parts if part.startswith(("Every kind", f"Kind `{kind}`")))
-    rows = re.findall(r"^\| `([^`]+)` \| ([^|]+)\|", text, re.MULTILINE)
+    rows = re.findall(r"^- `([^`]+)` (.*?): ", text, re.MULTILINE)
     return {key: found[0] for key, value in rows if (found := RANGE.search(value))}
 
 

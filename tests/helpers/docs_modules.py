@@ -54,7 +54,7 @@ def _says_no_more(name: str, clause: str) -> bool:
     """Tell whether a clause has hardly a word that its module's name does not have."""
     words = [word for word in re.findall(r"[a-z0-9]+", clause.lower()) if len(word) >= LONG]
     stems = [part[:LONG] for part in name.split("_")]
-    return sum(not word.startswith(tuple(stems)) for word in words) <= 1
+    return sum(not word.startswith(tuple(stems)) for word in words) <= 2
 
 
 def _clause(sentence: str) -> str:

@@ -15,9 +15,7 @@ HEAD = """# Commands
 
 Made from the commands' own help by `python tests/helpers/docs_reference.py`; `rths COMMAND --help` prints the same.
 
-Exit codes: 0 done; 1 done, but an `accept` limit failed, the check refused EXP-RTHS or an identified model was
-rejected; 2 bad usage or input, nothing written; 3 stopped by a limit of the guard; 4 rig failed or its channels
-unusable; 5 our bug; 130 Ctrl-C; 143 SIGTERM.
+[Exit codes](../decisions/commands.md) have one meaning each.
 """
 SHARED = "## Options of several commands"
 ANCHOR = "options-of-several-commands"

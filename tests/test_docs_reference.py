@@ -260,12 +260,17 @@ def test_every_metric_of_a_result_is_told_with_its_unit(files: dict[str, Any]) -
                 base = re.sub("_(true_full|true|full|model)$", "", metric)
                 line = next(
                     line for told, line in paths.items()
-                    if re.fullmatch(pattern[told], base) or f"standard uncertainty: `{base}`" in line
+                    if re.fullmatch(pattern[told], base) or f": `{base}`" in line
                 )  # fmt: skip
                 assert base == metric or f"`{metric.removeprefix(base)}`" in line, metric
                 units = str(node.attrs["units"])
                 marks = line.split(": ")[0].replace("*", "")
-                assert units == "1" or units in re.split("[ ,]+", marks) or re.search("PEAK|GUARDED", marks), metric
+                assert (
+                    units == "1"
+                    or units in re.split("[ ,]+", marks)
+                    or re.search("PEAK|GUARDED", marks)
+                    or (units == "%" and re.search(f"in percent of [^;]*: `{base}`", line))
+                ), metric
 
 
 def test_every_column_of_a_raw_log_is_told_once() -> None:

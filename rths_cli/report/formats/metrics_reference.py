@@ -36,6 +36,7 @@ LOOPS = {"check": "hybrid loop broken at the command", "feedback": "feedback on 
 RESPONSES = {"sim_delay": "SIM-DELAY", "exp_rths": "EXP-RTHS", "sim": "SIM"}
 BOTH = [cause for cause in CAUSES if cause not in PREDICTED]
 GROUPS = ["RUN", "RESPONSE", "LOOP", *METRIC_GROUPS]
+PERCENT = ", in percent of "
 UNSURE = ("its standard uncertainty: ", "standard uncertainty of the ")
 
 
@@ -44,12 +45,12 @@ def reference_page() -> str:
     kinds = "; ".join(f"`{suffix}` {words}" for suffix, words in KINDS.items())
     parts = [HEAD.format(kinds=kinds, families="\n".join(_told_families())).rstrip()]
     group, found = "", _families()
-    unsure = _uncertainties(found)
-    for one in sorted((one for one in found if one not in unsure.values()), key=lambda one: GROUPS.index(one.group)):
+    beside = _told_beside(found)
+    for one in sorted((one for one in found if one.path not in beside), key=lambda one: GROUPS.index(one.group)):
         if one.group != group:
             group = one.group
             parts += ["", f"## {group}", ""]
-        parts.append(_line(one) + (f"; standard uncertainty: `{unsure[one.text].path}`" if one.text in unsure else ""))
+        parts.append("; ".join([_line(one), *(words for base, words in beside.values() if base == one.path)]))
     return "\n".join(parts) + "\n"
 
 
@@ -77,12 +78,19 @@ def _families() -> list[Quantity]:
     return [general if len(like) > 1 else like[0] for general, like in members.items()]
 
 
-def _uncertainties(found: list[Quantity]) -> dict[str, Quantity]:
-    """Return the metrics that are nothing but the standard uncertainty of another one, by the other one's text."""
-    texts = {one.text for one in found}
-    return {
-        text: one for one in found for prefix in UNSURE if (text := one.text.removeprefix(prefix)) in texts - {one.text}
-    }
+def _told_beside(found: list[Quantity]) -> dict[str, tuple[str, str]]:
+    """Return the metrics that are the standard uncertainty of another one, or the same in percent of something.
+
+    By path: the path of the other one, and what its line adds.
+    """
+    beside: dict[str, tuple[str, str]] = {}
+    for base in found:
+        for one in found:
+            if any(one.text == f"{prefix}{base.text}" for prefix in UNSURE):
+                beside[one.path] = base.path, f"standard uncertainty: `{one.path}`"
+            elif one.group == base.group and one.kinds == base.kinds and one.text.startswith(f"{base.text}{PERCENT}"):
+                beside[one.path] = base.path, f"{one.text.removeprefix(f'{base.text}, ')}: `{one.path}`"
+    return beside
 
 
 def _general(one: Quantity) -> Quantity:

@@ -23,7 +23,7 @@ from rths_cli.case.storey_law_schema import KINDS as LAWS
 from rths_cli.case.virtual_imperfections_schema import Values
 from rths_cli.cli import cli
 from rths_cli.loop.run_log import Sizes, column_names, column_units
-from rths_cli.quantities import ATTRIBUTES, AXES, BLOCKS
+from rths_cli.quantities import ATTRIBUTES, AXES, BLOCKS, DatasetDeclaration
 from rths_cli.quantities.attributes import OF_BLOCK, OF_FILE, OF_RUN
 from rths_cli.quantities.datasets import BEST, STORED, declared_datasets
 from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES, declared_model_datasets, model_dataset
@@ -32,6 +32,7 @@ from rths_cli.quantities.sweep_datasets import SWEEP_ATTRIBUTES, SWEEP_DATASETS
 
 ROOT = Path(__file__).parents[1]
 CASE = "el_centro_low_ff_fb"
+SOURCES = ("computed", "measured", "estimated", "true")
 
 
 def sections(page: Path) -> dict[str, str]:
@@ -46,8 +47,13 @@ def rows(text: str) -> list[list[str]]:
     return [[cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
 
 
-def first_cells(text: str) -> list[str]:
-    return [cells[0].strip("`") for cells in rows(text)]
+def entries(text: str) -> dict[str, str]:
+    """Return the lines of a text's lists that begin with a name in code, by it, without the mark of the list."""
+    return {line.split("`")[1]: line.removeprefix("- ") for line in text.splitlines() if line.startswith("- `")}
+
+
+def keys_told(text: str) -> list[str]:
+    return re.findall("^- `([^`]+)`", text, re.MULTILINE)
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -63,17 +69,23 @@ def test_the_source_map_is_the_generated_one() -> None:
 
 def test_every_command_and_option_is_told_with_its_help() -> None:
     told = sections(FOLDER / "commands.md")
+    shared = entries(told.pop("Options of several commands"))
     assert {head.strip("`").split()[1] for head in told if " " in head} == set(cli.commands)
     for head, text in told.items():
         words = head.strip("`").split()
         command: click.Command = cli.commands[words[1]] if len(words) > 1 else cli
         options = [p for p in command.params if isinstance(p, click.Option)]
-        listed = {cells[0].strip("`"): cells[1] for cells in rows(text)}
+        own = entries(text)
+        further = set(re.findall("`(--[a-z-]+)`", text.rpartition("\nAlso ")[2])) if "\nAlso " in text else set()
+        assert further <= {option.opts[-1] for option in options}, head
+        of_all = {"--json", "--log", "--verbose"} if len(words) > 1 else set()
         for option in options:
+            named = further | of_all if option.opts[0] in ("-v", *further, *of_all) else set()
+            listed = shared if option.opts[-1] in named else own
             (about,) = [about for shown, about in listed.items() if shown.split()[0].rstrip(",") == option.opts[0]]
             assert option.help and option.help.partition("  ")[0] in about, (head, option.opts)
-        assert len(listed) == len(options) + 1  # --help
         assert "Example:" in (command.help or "") and "```sh\nrths" in text, head
+    assert {"--json", "--log FILE", "-v, --verbose", "-h, --help"} <= set(shared)
 
 
 def models_in(annotation: Any) -> Iterator[tuple[str, type[BaseModel]]]:
@@ -98,11 +110,11 @@ def keys_of(model: type[BaseModel], prefix: str = "") -> set[str]:
 
 def test_every_key_of_a_case_is_told_once_with_its_meaning() -> None:
     page = (FOLDER / "case.md").read_text(encoding="utf-8")
-    told = first_cells(page)
+    told = keys_told(page)
     assert len(told) == len(set(told))
     wanted = {key for key in keys_of(CaseKeys) if not key.startswith(("table.", "structure.numerical.law["))}
     assert len(wanted) > 60 and set(told) == wanted
-    assert [cells[0] for cells in rows(page) if not cells[5]] == []
+    assert [line for line in page.splitlines() if line.startswith("- ") and not re.search(": .", line)] == []
 
 
 def test_every_key_of_every_law_is_told_with_its_meaning() -> None:
@@ -111,38 +123,38 @@ def test_every_key_of_every_law_is_told_with_its_meaning() -> None:
         f"Kind `{kind}`": {field.alias or key for key, field in model.model_fields.items()}
         for kind, model in LAWS.items()
     }
-    assert {head: set(first_cells(text)) for head, text in sections(FOLDER / "storey_laws.md").items()} == wanted
-    assert [cells[0] for cells in rows(page) if not cells[5]] == []
+    assert {head: set(keys_told(text)) for head, text in sections(FOLDER / "storey_laws.md").items()} == wanted
+    assert [line for line in page.splitlines() if line.startswith("- ") and not re.search(": .", line)] == []
 
 
 def test_every_key_of_every_rig_is_told() -> None:
     page = sections(FOLDER / "rig.md")  # entries of a list that state their kind stand apart: `channels[kind].`
-    told = {head: [cell.replace("[kind]", "[]") for cell in first_cells(text)] for head, text in page.items()}
+    told = {head: {cell.replace("[kind]", "[]") for cell in keys_told(text)} for head, text in page.items()}
     real = {"Kind `udp`": KINDS["udp"], "Kind `ni`": KINDS["ni"], "Kind of a package": PluginRigSpec}
     virtual = {
         key.removesuffix(".mean").removesuffix(".std") if key.startswith("imperfections.") else key
         for key in keys_of(KINDS["virtual"])
         if not key.startswith("physics.specimen_laws[")
     }
-    assert set(told["Kind `virtual`"]) == virtual  # the keys of laws have a page of their own
+    assert told["Kind `virtual`"] | told["Every kind"] == virtual  # the keys of laws have a page of their own
     for head, model in real.items():
-        assert set(told[head]) | set(told["Every other kind"]) == keys_of(model), head
-    assert [cells[0] for cells in rows((FOLDER / "rig.md").read_text(encoding="utf-8")) if not cells[5]] == []
+        assert told[head] | told["Every real rig"] | told["Every kind"] == keys_of(model), head
+    for text in page.values():
+        assert len(keys_told(text)) == len(set(keys_told(text)))
+    lines = (FOLDER / "rig.md").read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if line.startswith("- ") and not re.search(": .", line)] == []
 
 
 def test_defaults_and_limits_are_those_that_are_checked() -> None:
-    told = {cells[0].strip("`"): cells for cells in rows((FOLDER / "case.md").read_text(encoding="utf-8"))}
-    assert told["delay_s"][1:5] == ["number", "s", "`0.005`", ">= 0 and <= 0.1"]
-    assert told["scaling"][2:5] == ["-", "**required**", "> 0 and <= 100"]
-    assert told["structure.experimental.dashpots_n_s_per_m"][2] == "N*s/m"
-    assert told["controller.disturbance_hz"][1:5] == [
-        "list of number", "Hz", "-", ">= 0.05 and <= 500; 2 entries",
-    ]  # fmt: skip
+    told = entries((FOLDER / "case.md").read_text(encoding="utf-8"))
+    assert told["delay_s"].startswith("`delay_s` [0, 0.1], default `0.005`: ")
+    assert told["scaling"].startswith("`scaling` (0, 100], **required**: ")
+    assert told["controller.disturbance_hz"].startswith("`controller.disturbance_hz` list of [0.05, 500], 2 entries: ")
     from rths_cli.case.load import load_cases
 
     for value, code in (("0.1", 0), ("0.11", 2)):
         assert run_words(["check", CASE, "--resolved", "--set", f"delay_s={value}"])[0] == code
-    assert load_cases([CASE])[0].delay_s == float(told["delay_s"][3].strip("`"))
+    assert load_cases([CASE])[0].delay_s == 0.005
 
 
 @pytest.fixture(scope="module")
@@ -176,22 +188,40 @@ def test_every_dataset_and_attribute_of_a_result_is_what_is_declared(files: dict
     assert absent == {"shake_table_status_reason", "exp_rths_status_reason"}
 
 
+def head_of(name: str, units: str, axes: tuple[str, ...], parts: bool = False) -> str:
+    """Return how the page begins the entry of a dataset: its name, unit and axes."""
+    unit, shape = f", {units}" if units != "1" else "", f" ({', '.join(axes)})" if axes else ""
+    return f"`{name}`{' (`_real`, `_imag`)' if parts else ''}{unit}{shape}: "
+
+
+def same(line: str, one: DatasetDeclaration, place: str) -> bool:
+    """Tell whether an entry has name, unit, axes and meaning of a dataset; its source is there or that of the place."""
+    begins = head_of(f"/{one.path}", one.units, one.axes, one.kind == "complex") + one.text
+    marks = line.removeprefix(begins)
+    told = [word for text in (marks, place) for word in re.findall(rf"\b(?:{'|'.join(SOURCES)})\b", text)]
+    return line.startswith(begins) and told[:1] == [one.source] and one.present in marks + place
+
+
 def test_every_declared_dataset_attribute_block_and_axis_is_told_once() -> None:
-    told = {head: rows(text) for head, text in sections(FOLDER / "hdf5.md").items()}
-    shown = {cells[0].strip("`/"): cells for head, found in told.items() for cells in found if head.startswith("`/")}
-    declared = {path: one for one in declared_datasets() for path in one.stored_paths}
-    assert set(shown) - set(BLOCKS) - {one.name for one in OF_BLOCK} == set(declared)
+    told = sections(FOLDER / "hdf5.md")
+    shown = {
+        name: (line, text) for text in told.values() for name, line in entries(text.partition("\n### ")[0]).items()
+    }
+    declared = {f"/{one.path}": one for one in declared_datasets()}
+    of_a_sweep = {f"/{path}" for path in SWEEP_DATASETS}
+    assert {name for name in shown if name.startswith("/")} == set(declared) | of_a_sweep
     for path, one in declared.items():
-        assert shown[path][1:4] == [f"({', '.join(one.axes)})" if one.axes else "one value", one.units, one.source]
-        assert shown[path][4].startswith(one.text) and one.present in shown[path][4], path
-        assert all(remark in shown[path][4] for remark in one.remarks)
-    attributes = {cells[0].strip("`"): cells[1] for cells in told["Attributes of a result"]}
-    assert attributes.keys() == {one.name for one in (*OF_FILE, *OF_RUN)}
-    assert all(attributes[one.name].startswith(one.text) for one in (*OF_FILE, *OF_RUN))
+        line, text = shown[path]
+        assert same(line, one, text.partition("Unless stated: ")[2].partition(".\n")[0]), path
     page = (FOLDER / "hdf5.md").read_text(encoding="utf-8")
+    assert all(remark in " ".join(page.split()) for one in declared.values() for remark in one.remarks)
+    attributes = entries(told["Attributes of a result"])
+    assert attributes.keys() == {one.name for one in (*OF_FILE, *OF_RUN)}
+    assert all(attributes[one.name].startswith(f"`{one.name}`: {one.text}") for one in (*OF_FILE, *OF_RUN))
     for name, axis in AXES.items():
-        assert f"| `{name}` | {axis.units} | {axis.text} |" in page
-    assert {cells[0].strip("`") for cells in told["`/controller/BLOCK`"]} >= set(BLOCKS)
+        counted = f"`{name}` ({axis.text.removesuffix(', counted from 1')})"
+        assert f"- {head_of(name, axis.units, ())}{axis.text}\n" in page or counted in page
+    assert set(entries(told["`/controller/BLOCK`"])) >= {*BLOCKS, *(one.name for one in OF_BLOCK)}
 
 
 def test_a_model_holds_what_is_declared_and_the_page_tells_all_of_it(files: dict[str, Any]) -> None:
@@ -203,23 +233,44 @@ def test_a_model_holds_what_is_declared_and_the_page_tells_all_of_it(files: dict
     of_others = "calibration/", "pitch/", "nonlinear_specimen/"  # a rig as declared has none of these
     left_out = {path for path in left_out if not path.startswith(of_others)}
     assert left_out <= {"verdict/reasons", "verdict/warnings", "level_causes/table", "level_causes/storeys"}
-    told = {cells[0].strip("`/"): cells for cells in rows((FOLDER / "hdf5.md").read_text(encoding="utf-8"))}
-    for one in (*declared_model_datasets(), *SWEEP_DATASETS.values()):
-        for path in one.stored_paths:
-            if one.name not in SWEEP_ATTRIBUTES:  # of the same name: seed, status, model_sha256
-                assert told[path][2:4] == [one.units, one.source] and told[path][4].startswith(one.text)
-    assert set(told) >= {*MODEL_ATTRIBUTES, *SWEEP_ATTRIBUTES}
+    model, sweep = (sections(FOLDER / "hdf5.md")[head] for head in ("Model files", "Sweep files"))
+    for declared, text in ((declared_model_datasets(), model), (SWEEP_DATASETS.values(), sweep)):
+        told = entries(text)
+        for one in declared:
+            assert same(told[f"/{one.path}"], one, text.partition("\n\n- ")[0]), one.path
+    of_a_result = sections(FOLDER / "hdf5.md")["Attributes of a result"]
+    assert set(entries(model)) >= set(MODEL_ATTRIBUTES) and {*entries(sweep), *entries(of_a_result)} >= {
+        *SWEEP_ATTRIBUTES
+    }
 
 
-def test_every_figure_of_a_result_is_told_with_its_unit(files: dict[str, Any]) -> None:
-    told = {cells[0].strip("`"): cells for cells in rows((FOLDER / "metrics.md").read_text(encoding="utf-8"))}
-    shown = {path + kind: cells for path, cells in told.items() for kind in ["", *re.findall(r"`(_\w+)`", cells[1])]}
+def test_every_metric_of_a_result_is_told_with_its_unit(files: dict[str, Any]) -> None:
+    told = entries((FOLDER / "metrics.md").read_text(encoding="utf-8"))
+    paths = {path: line for path, line in told.items() if "." in path}
+    names = {word: set(re.findall("`([a-z_0-9]+)` \\(", line)) for word, line in told.items() if word.isupper()}
+    causes = [line for line in (FOLDER / "metrics.md").read_text().splitlines() if line.startswith("- `CAUSE`")]
+    names["CAUSE"] = set(re.findall("`([a-z_0-9]+)` \\(", " ".join(causes)))
+    pattern = {path: re.sub("[A-Z]+", lambda word: f"({'|'.join(names[word[0]])})", path) for path in paths}
     for method in ("best", "paper"):
         figures = {path: node for path, node in datasets(files[method]).items() if path.startswith("/metrics/")}
         assert len(figures) > 150
         for path, node in figures.items():
             if not node.is_scale:
-                assert shown[path.removeprefix("/metrics/").replace("/", ".")][2] == node.attrs["units"], path
+                metric = path.removeprefix("/metrics/").replace("/", ".")
+                base = re.sub("_(true_full|true|full|model)$", "", metric)
+                line = next(
+                    line for told, line in paths.items()
+                    if re.fullmatch(pattern[told], base) or f": `{base}`" in line
+                )  # fmt: skip
+                assert base == metric or f"`{metric.removeprefix(base)}`" in line, metric
+                units = str(node.attrs["units"])
+                marks = line.split(": ")[0].replace("*", "")
+                assert (
+                    units == "1"
+                    or units in re.split("[ ,]+", marks)
+                    or re.search("PEAK|GUARDED", marks)
+                    or (units == "%" and re.search(f"in percent of [^;]*: `{base}`", line))
+                ), metric
 
 
 def test_every_column_of_a_raw_log_is_told_once() -> None:

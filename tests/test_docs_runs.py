@@ -34,7 +34,7 @@ LEFT_OUT = {
     "tutorial/first_run.md": ["a line for the shell's own start file"],
     "tutorial/base_isolated_building.md": ["a part of the shipped file, which tests/case checks"],
     "howto/reading_results.md": ["needs MATLAB"],
-    "howto/channels.md": ["a part of a rig file", "needs the rig", "needs a served rig"],
+    "howto/channels.md": ["a part of a rig file", "needs the rig"],
     "howto/own_law.md": ["a part of a package's pyproject.toml"],
 }
 NEEDS_A_RIG = "moves a rig behind UDP, or measures the machine, in real time; tests/rigs and tests/experiment do"

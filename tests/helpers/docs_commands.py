@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 
 import click
 
@@ -12,26 +13,38 @@ from rths_cli.cli import cli
 
 HEAD = """# Commands
 
-Made from the commands' own help by `python tests/helpers/docs_reference.py`; a test compares.
-`rths COMMAND --help` prints the same.
+Made from the commands' own help by `python tests/helpers/docs_reference.py`; `rths COMMAND --help` prints the same.
 
-Exit codes: 0 done; 1 done, but an `accept` limit failed, the check refused EXP-RTHS or an identified model was
-rejected; 2 bad usage or input, nothing written; 3 stopped by a limit of the guard; 4 rig failed or its channels
-unusable; 5 our bug; 130 Ctrl-C; 143 SIGTERM.
+[Exit codes](../decisions/commands.md) have one meaning each.
 """
-OPTION_COLUMNS = ("option", "does", "default, limits")
+SHARED = "## Options of several commands"
+ANCHOR = "options-of-several-commands"
+SEVERAL = 3  # commands from which on an option with the same words is told once
+Row = tuple[str, str]
 
 
 def commands_page() -> str:
-    """Return the page as Markdown: a section per command, a table row per option."""
-    whole = ["## `rths`", *_told(cli), _table(OPTION_COLUMNS, _option_rows(cli))]
-    parts = [HEAD.rstrip(), *whole]
+    """Return the page as Markdown: a section per command, a table row per option, shared options once."""
+    rows = {name: list(_option_rows(command)) for name, command in cli.commands.items()}
+    held = Counter(row for own in rows.values() for row in own)
+    shared = [row for row, number in held.items() if number >= SEVERAL]
+    parts = [HEAD.rstrip(), "## `rths`", *_told(cli), _list(_option_rows(cli))]
     for name in sorted(cli.commands):
-        parts += _command(name, cli.commands[name])
+        parts += _command(name, cli.commands[name], [row for row in rows[name] if row not in shared])
+        further = [_first_name(row) for row in rows[name] if row in shared and held[row] < len(rows)]
+        parts += [f"Also {', '.join(further)} ([described below](#{ANCHOR}))."] if further else []
+    of_all = [row for row in shared if held[row] == len(rows)]
+    parts += [SHARED, f"Every command has {', '.join(_first_name(row) for row in of_all)}."]
+    parts += [_list([*of_all, *(row for row in shared if row not in of_all)])]
     return "\n\n".join(parts) + "\n"
 
 
-def _command(name: str, command: click.Command) -> Iterator[str]:
+def _first_name(row: Row) -> str:
+    """Return the option without its value, the long name where it has two."""
+    return f"`{row[0].strip('`').split(', ')[-1].split()[0]}`"
+
+
+def _command(name: str, command: click.Command, own: list[Row]) -> Iterator[str]:
     arguments = [p for p in command.params if isinstance(p, click.Argument)]
     context = click.Context(command, info_name=name)
     yield f"## `{' '.join(['rths', name, *(p.make_metavar(context) for p in arguments)])}`"
@@ -39,7 +52,8 @@ def _command(name: str, command: click.Command) -> Iterator[str]:
     stated = [p for p in arguments if isinstance(p.default, str)]
     if stated:
         yield "Without it: " + ", ".join(f"`{p.default}`" for p in stated) + "."
-    yield _table(OPTION_COLUMNS, _option_rows(command))
+    if own:
+        yield _list(own)
 
 
 def _told(command: click.Command) -> Iterator[str]:
@@ -50,7 +64,7 @@ def _told(command: click.Command) -> Iterator[str]:
         yield f"```sh\n{example[1]}\n```" if example else text
 
 
-def _option_rows(command: click.Command) -> Iterator[tuple[str, str, str]]:
+def _option_rows(command: click.Command) -> Iterator[Row]:
     context = click.Context(command, parent=click.Context(cli, **cli.context_settings))
     for option in command.get_params(context):
         if isinstance(option, click.Option):
@@ -59,9 +73,9 @@ def _option_rows(command: click.Command) -> Iterator[tuple[str, str, str]]:
             text, _, extra = record[1].partition("  [")
             # click keeps a command's help option as the first context made it: names are taken from this one
             names = ", ".join(context.help_option_names) if option is command.get_help_option(context) else record[0]
-            yield f"`{names}`", text, extra.removesuffix("]").replace("default: ", "").replace("; ", ", ")
+            limits = extra.removesuffix("]").replace("default: ", "").replace("; ", ", ")
+            yield f"`{names}`", f"{text} [{limits}]" if limits else text
 
 
-def _table(columns: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> str:
-    lines = [" | ".join(cell.replace("|", "\\|") for cell in cells) for cells in rows]
-    return "\n".join(f"| {line} |" for line in (" | ".join(columns), " | ".join(["---"] * len(columns)), *lines))
+def _list(rows: Iterable[Row]) -> str:
+    return "\n".join(f"- {names}: {about}" for names, about in rows)

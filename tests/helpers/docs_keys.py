@@ -14,47 +14,54 @@ from rths_cli.case.rig_schema import NiRigSpec, PluginRigSpec, UdpRigSpec, Virtu
 from rths_cli.case.storey_law_schema import KINDS as LAWS
 from rths_cli.case.structure_schema import StructureSpec
 from rths_cli.case.study_schema import DISTRIBUTIONS, FolderAxis, ListAxis, RangeAxis, StudyKeys
-from rths_cli.quantities.units import unit_of_name
 
 Schema = Mapping[str, Any]
-COLUMNS = ("key", "type", "unit", "default", "limits", "meaning")
+Row = tuple[str, str, str, str]
 WORD_OF_TYPE = {
-    "number": "number", "integer": "whole number", "string": "text", "boolean": "true or false", "object": "mapping",
+    "number": "number", "integer": "whole", "string": "text", "boolean": "true or false", "object": "mapping",
 }  # fmt: skip
-LIMITS = (("exclusiveMinimum", "> "), ("minimum", ">= "), ("exclusiveMaximum", "< "), ("maximum", "<= "))
+LONGEST_TEXT = 60  # characters: a longer limit of a text is no limit that a user meets
 FILES = {
     "case": (
         "Case files",
-        "What a case may state. A value of `structure`, `damping`, `record`, `controller`, `table` and `reference` is "
-        "a name that is looked up, or a mapping as below; `extends: NAME` varies what has that name. `--set KEY=VALUE` "
-        "takes the same keys. The keys of `table` are those of [rig files](rig.md).",
+        "The keys of a case. `structure`, `damping`, `record`, `controller`, `table` and `reference` take a name, "
+        "which is looked up, or a mapping with the keys below; `extends: NAME` varies what has that name. "
+        "`--set KEY=VALUE` takes the same keys. [Rig files](rig.md) has the keys of `table`.",
     ),
     "law": (
         "Laws of storeys",
-        "What a law in `numerical.law` of a structure file, or in `physics.specimen_laws` of a virtual rig, "
-        "may state, by its `kind`. "
-        "[Storeys that are not linear](../background/storey_laws.md) has the equations.",
+        "The keys of a law, by its `kind`: in `numerical.law` of a structure file, or in `physics.specimen_laws` of a "
+        "virtual rig. [Storeys that are not linear](../background/storey_laws.md) has the equations.",
     ),
     "rig": (
         "Rig files",
-        "What the file of a table may state, by its `kind`; `extends: NAME` varies another rig. "
-        "[Rigs](rigs.md) explains the kinds; `configs/rigs/` has a commented example of each.",
+        "The keys of a table's file, by its `kind`; `extends: NAME` varies another rig. [Rigs](rigs.md) explains the "
+        "kinds; `configs/rigs/` has a commented example of each. Kinds other than `virtual` are real rigs. "
+        "`channels[kind]` is an entry of `channels` with a key `kind`. A *drawn* value is one number, a list with a "
+        "number for each channel, floor or storey, or a normal distribution `{mean: , std: }`, from which each "
+        "laboratory draws.",
     ),
     "study": (
         "Study files",
-        "What a study may state, for `rths sweep STUDY.yaml`. `axes.KEY` is a dotted key of the [case](case.md) with "
+        "The keys of a study, for `rths sweep STUDY.yaml`. `axes.KEY` is a dotted key of the [case](case.md) with "
         "one of the kinds of values below; a bare list stands for `values`. Values of all distributions are drawn "
-        "together, `samples.count` of them, and every combination of these with the other axes is a row, unless a "
+        "together, `samples.count` of them. Every combination of these with the other axes is a row, unless a "
         "constraint leaves it out. Names and relative paths start at the study's folder. "
         "[Run a sweep](../howto/sweep.md#study-files) has an example.",
     ),
 }
+HOW_TO_READ = (
+    "This page is made by `python tests/helpers/docs_reference.py` from the models that check the files. Behind a key "
+    "stand what it takes and its default, **required** where it must be stated; a key without them takes a mapping. "
+    "The unit of a number is the ending of its key. `(0, 1]` is a number above 0 and up to 1; `[0,` has no upper limit."
+)
 RIGS: dict[str, type[BaseModel]] = {
     "virtual": VirtualRigSpec,
     "udp": UdpRigSpec,
     "ni": NiRigSpec,
     "of a package": PluginRigSpec,
 }
+REAL = ("`udp`", "`ni`", "of a package")
 
 
 def case_page() -> str:
@@ -73,13 +80,32 @@ def law_page() -> str:
 
 
 def rig_page() -> str:
-    """Return the page of rig files, a section per kind."""
+    """Return the page of rig files: the keys of every kind, then a section per kind."""
     laws = ("physics.specimen_laws",)
     virtual, *real = (list(_rows(model, "", skip=laws)) for model in RIGS.values())
-    shared = [row for row in real[0] if all(row in rows for rows in real[1:])]
-    own = [[row for row in rows if row not in shared] for rows in real]
-    headings = ("Kind `virtual`", "Every other kind", "Kind `udp`", "Kind `ni`", "Kind of a package")
-    return _page("rig", list(zip(headings, (virtual, shared, *own), strict=True)))
+    virtual = [(row[0].replace("`channels[].", "`channels[kind]."), *row[1:]) for row in virtual]
+    of_real = [row for row in real[0] if all(row in rows for rows in real[1:])]
+    every = [(one, other) for one in virtual for other in of_real if _but_for_default(one) == _but_for_default(other)]
+    shared = [_with_both_defaults(one, other) for one, other in every]
+    tables = [
+        ("Every kind", shared),
+        ("Kind `virtual`", [row for row in virtual if row not in [one for one, _ in every]]),
+        ("Every real rig", [row for row in of_real if row not in [other for _, other in every]]),
+        *((f"Kind {name}", [row for row in rows if row not in of_real]) for name, rows in zip(REAL, real, strict=True)),
+    ]
+    return _page("rig", tables)
+
+
+def _but_for_default(row: Row) -> tuple[str, str, str]:
+    return row[0], row[1], row[3]
+
+
+def _with_both_defaults(virtual: Row, real: Row) -> Row:
+    if virtual == real:
+        return virtual
+    defaults = (("virtual", virtual[2].removeprefix("default ")), ("real", real[2].removeprefix("default ")))
+    told = ", ".join(f"{name} {default}" for name, default in defaults if default)
+    return virtual[0], virtual[1], told, virtual[3]
 
 
 def study_page() -> str:
@@ -96,37 +122,38 @@ def study_page() -> str:
     return _page("study", tables)
 
 
-def _page(name: str, tables: list[tuple[str, Iterable[tuple[str, ...]]]]) -> str:
+def _page(name: str, tables: list[tuple[str, Iterable[Row]]]) -> str:
     title, about = FILES[name]
-    made = "Made from the models that check these files by `python tests/helpers/docs_reference.py`; a test compares."
-    unit = "`-` in *default*: nothing, or what the meaning says; **required**: must be stated."
-    parts = [f"# {title}", made, about, unit]
+    parts = [f"# {title}", about, HOW_TO_READ]
     for heading, rows in tables:
-        lines = [f"| {' | '.join(cells)} |" for cells in (COLUMNS, ("---",) * len(COLUMNS), *rows)]
-        parts += [f"## {heading}", "\n".join(lines)]
+        parts += [f"## {heading}", "\n".join(map(_line, rows))]
     return "\n\n".join(parts) + "\n"
 
 
-def _rows(model: type[BaseModel], prefix: str, skip: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+def _line(row: Row) -> str:
+    """Return the entry of a key: its value, its default where it has one, its meaning."""
+    key, value, default, meaning = row
+    told = ", ".join(filter(None, ("" if value == "mapping" else value, default)))
+    return f"- {key}{f' {told}' if told else ''}: {meaning}"
+
+
+def _rows(model: type[BaseModel], prefix: str, skip: tuple[str, ...] = ()) -> Iterator[Row]:
     """Yield a row per key of a model and of the models in it, depth first; below `skip` nothing is told."""
     schema = TypeAdapter(model).json_schema()
     yield from _model_rows(schema, schema.get("$defs", {}), prefix, skip)
 
 
-def _model_rows(
-    schema: Schema, definitions: Schema, prefix: str, skip: tuple[str, ...] = ()
-) -> Iterator[tuple[str, ...]]:
+def _model_rows(schema: Schema, definitions: Schema, prefix: str, skip: tuple[str, ...] = ()) -> Iterator[Row]:
     for key, field in schema["properties"].items():
         path = f"{prefix}{key}"
         required = key in schema.get("required", ()) and path not in ("name", "table")
         default = "**required**" if required else _default(field)
-        kind, limits = _type(field, definitions)
-        yield f"`{path}`", kind, unit_of_name(key, "-"), default, limits, _meaning(field)
+        yield f"`{path}`", _type(field, definitions), default, _meaning(field)
         if path not in skip:
             yield from _below(field, definitions, path, skip)
 
 
-def _below(field: Schema, definitions: Schema, path: str, skip: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+def _below(field: Schema, definitions: Schema, path: str, skip: tuple[str, ...]) -> Iterator[Row]:
     """Yield the rows of the models that a field holds."""
     inner = {"items": "[].", "additionalProperties": ".NAME."}
     for part in field.get("anyOf", [field]):
@@ -148,35 +175,47 @@ def _resolved(part: Schema, definitions: Schema) -> Schema:
     return found
 
 
-def _type(field: Schema, definitions: Schema) -> tuple[str, str]:
-    """Return the type of a field in words, and its limits."""
+def _type(field: Schema, definitions: Schema) -> str:
+    """Return what a field takes, in words."""
     parts = [part for part in field.get("anyOf", field.get("oneOf", [field])) if part.get("type") != "null"]
-    told = [_one_type(part, definitions) for part in parts]
-    kinds, limits = (list(dict.fromkeys(entry for entry in column if entry)) for column in zip(*told, strict=True))
-    once = [one for one in limits if not any(other.startswith(f"{one}; ") for other in limits)]  # of a list, too
-    return " or ".join(kinds), " or ".join(once)
+    kinds = list(dict.fromkeys(_one_type(part, definitions) for part in parts))
+    number, *others = kinds
+    if len(kinds) == 3 and others[0].startswith("list of ") and others[1] == "mapping":
+        return f"drawn {number}"
+    return " or ".join(one for one in kinds if not any(other.startswith(f"{one}, ") for other in kinds))
 
 
-def _one_type(part: Schema, definitions: Schema) -> tuple[str, str]:
+def _one_type(part: Schema, definitions: Schema) -> str:
     if "anyOf" in part or "oneOf" in part:
         return _type(part, definitions)
     if "const" in part or "enum" in part:
         values = [f"{one}".lower() if isinstance(one, bool) else one for one in part.get("enum", [part.get("const")])]
-        return ("", f"{values[0]}") if values == [0] else (", ".join(f"`{value}`" for value in values), "")
+        return f"{values[0]}" if values == [0] else ", ".join(f"`{value}`" for value in values)
     if "$ref" in part:
-        return "mapping", ""
+        return "mapping"
     if part.get("type") == "array":
-        kind, limits = _type(part.get("items", {}), definitions)
-        return f"list of {kind}", "; ".join(filter(None, [limits, _counts(part)]))
-    limits = " and ".join(f"{sign}{_number(part[key])}" for key, sign in LIMITS if key in part)
-    longest = f"at most {part['maxLength']} characters" if "maxLength" in part else ""
+        return ", ".join(filter(None, [f"list of {_type(part.get('items', {}), definitions)}", _counts(part)]))
     if part.get("format") == "path":
-        return "file", ""
+        return "file"
+    if part.get("maxLength", LONGEST_TEXT) < LONGEST_TEXT:
+        return f"text of up to {part['maxLength']} characters"
     inner = part.get("additionalProperties")
     if isinstance(inner, Mapping):
-        kind, limits = _type(inner, definitions)
-        return f"mapping of names to {kind}", limits
-    return WORD_OF_TYPE[part["type"]] if "type" in part else "anything", limits or longest
+        return f"mapping of names to {_type(inner, definitions)}"
+    if "type" not in part:
+        return "anything"
+    word, interval = WORD_OF_TYPE[part["type"]], _interval(part)
+    return interval if word == "number" and interval else f"{word} {interval}".rstrip()
+
+
+def _interval(part: Schema) -> str:
+    """Return the range of a number, "" where there is none."""
+    low, high = part.get("minimum", part.get("exclusiveMinimum")), part.get("maximum", part.get("exclusiveMaximum"))
+    if low is None and high is None:
+        return ""
+    begin = "" if low is None else f"{'[' if 'minimum' in part else '('}{_number(low)},"
+    end = "" if high is None else f"{_number(high)}{']' if 'maximum' in part else ')'}"
+    return f"{begin} {end}".strip()
 
 
 def _counts(part: Schema) -> str:
@@ -193,13 +232,13 @@ def _number(value: float) -> str:
 
 def _default(field: Schema) -> str:
     value = field.get("default", PydanticUndefined)
-    if value is None or value is PydanticUndefined or isinstance(value, dict) or value == "":
-        return "-"
+    if value is None or value is PydanticUndefined or isinstance(value, dict) or value in ("", "inline"):
+        return ""
     if isinstance(value, bool):
-        return f"`{str(value).lower()}`"
-    return f"`{value:g}`" if isinstance(value, float) else f"`{value}`".replace("'", "")
+        return f"default `{str(value).lower()}`"
+    return f"default `{value:g}`" if isinstance(value, float) else f"default `{value}`".replace("'", "")
 
 
 def _meaning(field: Schema) -> str:
     """Return what a key means, as its model says."""
-    return str(field.get("description", "")).replace("|", "\\|").replace("\n", " ")
+    return str(field.get("description", "")).replace("\n", " ")

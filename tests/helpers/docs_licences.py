@@ -14,7 +14,6 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 PYPROJECT = Path(__file__).parents[2] / "pyproject.toml"
-REQUIRED, THROUGH_OTHERS = "directly", "through others"
 LICENCES = {  # SPDX identifiers; of several, those of the Python code
     "annotated-types": "MIT", "build": "MIT", "click": "BSD-3-Clause", "colorama": "BSD-3-Clause",
     "commonmark": "BSD-3-Clause", "contourpy": "BSD-3-Clause", "control": "BSD-3-Clause", "cycler": "BSD-3-Clause",
@@ -60,8 +59,8 @@ beside the Python code and may be exchanged. The wheels of h5py contain HDF5 (BS
 
 ## Optional
 
-An extra is asked for by name: `pip install 'rths-cli[tdms]'`. `dev` is for the tests, `docs` for the site of these
-pages.
+An extra (in brackets) is asked for by name: `pip install 'rths-cli[tdms]'`. `dev` is for the tests, `docs` for the site
+of these pages.
 
 {optional}
 
@@ -116,12 +115,15 @@ def licences_page() -> str:
     """Return the page."""
     asked = declared()
     through = sorted(set(LICENCES) - {name for names in asked.values() for name in names})
-    rows = [(name, REQUIRED) for name in sorted(asked[""])] + [(name, THROUGH_OTHERS) for name in through]
     extras = {name: [extra for extra in asked if extra and name in asked[extra]] for name in sorted(LICENCES)}
-    optional = [(name, ", ".join(f"`{extra}`" for extra in found)) for name, found in extras.items() if found]
-    return PAGE.format(required=_table("needed", rows), optional=_table("extra", optional))
+    optional = {name: f"`{name}` ({', '.join(found)})" for name, found in extras.items() if found}
+    required = {name: f"`{name}`" for name in (*sorted(asked[""]), *through)}
+    return PAGE.format(required=_by_licence(required), optional=_by_licence(optional))
 
 
-def _table(what: str, rows: list[tuple[str, str]]) -> str:
-    lines = [f"| `{name}` | {LICENCES[name]} | {about} |" for name, about in rows]
-    return "\n".join([f"| package | licence | {what} |", "|---|---|---|", *lines])
+def _by_licence(names: dict[str, str]) -> str:
+    """Return a line per licence with the packages that are under it."""
+    under: dict[str, list[str]] = {}
+    for name, shown in names.items():
+        under.setdefault(LICENCES[name], []).append(shown)
+    return "\n".join(f"- {licence}: {', '.join(under[licence])}" for licence in sorted(under))

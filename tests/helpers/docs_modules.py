@@ -1,10 +1,10 @@
-"""The map of the package in docs/reference/source_map.md, down to the file, from the modules' own first sentences."""
+"""The map of the package in docs/reference/source_map.md, from the docstrings of its packages and modules."""
 
 from __future__ import annotations
 
 import ast
 import re
-import textwrap
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -14,17 +14,18 @@ ORDER = (
     "cli", "api", "report", "studies", "experiment", "loop", "analysis", "identification", "control", "rigs",
     "structure", "files", "case", "numerics", "quantities",
 )  # fmt: skip
-WIDTH = 120
+SUBORDINATE = ("After", "From", "If", "When", "Where")  # a comma in such a sentence is no end of a clause
+LEAST = 12  # characters that say what a module is for
+LONG = 4  # characters of a word that says something
+WHOLE = 40  # characters of a sentence that is not cut
 
 
 def module_map() -> str:
-    """Return the packages from the highest layer to the lowest, each with its files and what they hold."""
-    parts: list[str] = []
-    for name in ORDER:
-        parts += [f"**rths_cli/{name}/** {_first_sentence(PACKAGE / name / '__init__.py')}", "", "```"]
-        parts += [*_tree(PACKAGE / name, ""), "```", ""]
-    parts += ["**rths_cli/** itself holds what every layer may use", "", "```", *_folder(PACKAGE, ""), "```"]
-    return "\n".join(parts) + "\n"
+    """Return the packages from the highest layer to the lowest, each with its modules and what they hold."""
+    folders = [PACKAGE / name for name in ORDER if (PACKAGE / name).is_dir()]
+    parts = [part for folder in folders for part in _package(folder)]
+    parts += ["**rths_cli/**: what every layer may use", "\n".join(_modules(PACKAGE))]
+    return "\n\n".join(parts) + "\n"
 
 
 def with_map(page: str) -> str:
@@ -34,37 +35,35 @@ def with_map(page: str) -> str:
     return f"{before}{BEGIN}\n{module_map()}\n{END}{after}"
 
 
-def _tree(folder: Path, indent: str) -> list[str]:
-    lines = _folder(folder, indent)
+def _package(folder: Path) -> Iterator[str]:
+    yield f"**{folder.relative_to(ROOT).as_posix()}/**: {_first_sentence(folder / '__init__.py')}"
+    if lines := list(_modules(folder)):
+        yield "\n".join(lines)
     for child in sorted(path for path in folder.iterdir() if (path / "__init__.py").exists()):
-        about = _first_sentence(child / "__init__.py")
-        lines += _entry(f"{indent}{child.name}/", about)
-        lines += _tree(child, indent + "  ")
-    return lines
+        yield from _package(child)
 
 
-def _folder(folder: Path, indent: str) -> list[str]:
-    lines = _entry(f"{indent}__init__.py", about) if (about := _about_init(folder / "__init__.py")) else []
-    files = sorted(path for path in folder.glob("*.py") if path.name != "__init__.py")
-    return lines + [line for path in files for line in _entry(f"{indent}{path.name}", _first_sentence(path))]
+def _modules(folder: Path) -> Iterator[str]:
+    for path in sorted(folder.glob("*.py")):
+        if path.name != "__init__.py":
+            clause = _clause(_first_sentence(path))
+            yield f"- `{path.stem}`" if _says_no_more(path.stem, clause) else f"- `{path.stem}`: {clause}"
 
 
-def _about_init(path: Path) -> str:
-    """Return what a package's `__init__.py` holds, "" where it is a docstring."""
-    body = ast.parse(path.read_text(encoding="utf-8")).body
-    written = [
-        f"`{node.name}`"
-        for node in body
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
-    ]
-    if written:
-        return f"{', '.join(written)}: the package's own functions, written here"
-    return "The package's public names, imported from the modules that define them" if len(body) > 1 else ""
+def _says_no_more(name: str, clause: str) -> bool:
+    """Tell whether a clause has hardly a word that its module's name does not have."""
+    words = [word for word in re.findall(r"[a-z0-9]+", clause.lower()) if len(word) >= LONG]
+    stems = [part[:LONG] for part in name.split("_")]
+    return sum(not word.startswith(tuple(stems)) for word in words) <= 2
 
 
-def _entry(name: str, about: str) -> list[str]:
-    head = f"{name:<30} "
-    return textwrap.wrap(about, WIDTH, initial_indent=head, subsequent_indent=" " * 32) or [head.rstrip()]
+def _clause(sentence: str) -> str:
+    """Return the beginning of a sentence, up to the first mark that ends a clause."""
+    if len(sentence) <= WHOLE:
+        return sentence
+    marks = r"[;:] | \(" if sentence.startswith(SUBORDINATE) else r"[,;:] | \("
+    ends = (found.start() for found in re.finditer(marks, sentence) if found.start() >= LEAST)
+    return sentence[: next((end for end in ends if sentence.count("`", 0, end) % 2 == 0), len(sentence))]
 
 
 def _first_sentence(path: Path) -> str:

@@ -20,7 +20,8 @@ def is_installed(name: str) -> bool:
 
 def test_the_page_is_complete() -> None:
     page = (ROOT / "docs" / "reference" / "licences.md").read_text(encoding="utf-8")
-    told = dict(re.findall(r"^\| `([\w-]+)` \| ([^|]+) \|", page, re.MULTILINE))
+    lines = re.findall(r"^- ([^:]+): (`.*)$", page, re.MULTILINE)
+    told = {name: licence for licence, names in lines for name in re.findall("`([^`]+)`", names)}
     asked = {name for names in declared().values() for name in names}
     required = installed_requirements()
     assert asked | required <= set(told) and told == LICENCES

@@ -27,7 +27,7 @@ def examples() -> list[bytes]:
     for block in re.findall(r"^```hex\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE):
         packet = b""
         for line in block.splitlines():
-            offset, data = int(line[:2]), bytes.fromhex(line[4:27])
+            offset, data = int(line[:2]), bytes.fromhex(line[4:21])
             assert offset == len(packet)
             packet += data
         packets.append(packet)

@@ -96,7 +96,7 @@ def trials() -> Iterator[Trial]:
                 needed = NEEDED[name]
                 rest = needed[1:] if needed and not needed[0].startswith("--") else needed
                 yield from (Trial(name, parameter.name or "", (name, *rest, "--", value)) for value in VALUES)
-    keys = re.findall(r"^\| `([^`*]+)` \|", (ROOT / "docs/reference/case.md").read_text(encoding="utf-8"), re.MULTILINE)
+    keys = re.findall(r"^- `([^`*]+)`", (ROOT / "docs/reference/case.md").read_text(encoding="utf-8"), re.MULTILINE)
     for key in dict.fromkeys(keys):
         yield from (Trial("check", f"--set {key}", ("check", *QUICK, "--set", f"{key}={value}")) for value in VALUES)
 

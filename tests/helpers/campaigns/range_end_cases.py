@@ -17,23 +17,27 @@ MOST_PAYLOAD_KG = 1e6  # that a table may carry
 PLAIN = 0.75  # share of the keys that keep a usual value
 RECORD_SAMPLES = (3, 500, 3000, 30_000)
 RIG_KEYS = ("sensors.", "converters.", "limits.", "nominal.", "physics.", "after_identification.")
+RANGE = re.compile(r"([\[(])([-+.e0-9]+),(?: ([-+.e0-9]+)([\])]))?")
 Random = np.random.Generator
 
 
 def documented(page: str, kind: str = "") -> dict[str, str]:
-    """Return the limits of each number a reference page documents, of one kind of rig where there are several."""
+    """Return the range of each number a reference page documents, of one kind of rig where there are several."""
     text = (ROOT / "docs" / "reference" / page).read_text(encoding="utf-8")
     if kind:
-        text = text.split(f"## Kind `{kind}`")[1].split("\n## ")[0]
-    rows = re.findall(r"^\| `([^`]+)` \| ([^|]+)\|[^|]*\|[^|]*\|([^|]*)\|", text, re.MULTILINE)
-    return {key: limits for key, what, limits in rows if "number" in what and re.search(r"[<>]", limits)}
+        parts = re.split(r"^## ", text, flags=re.MULTILINE)
+        text = "\n".join(part for part in parts if part.startswith(("Every kind", f"Kind `{kind}`")))
+    rows = re.findall(r"^- `([^`]+)` (.*?): ", text, re.MULTILINE)
+    return {key: found[0] for key, value in rows if (found := RANGE.search(value))}
 
 
 def an_end(limits: str, random: Random, whole: bool = False) -> float:
     """Return one end of a documented range."""
-    bounds = dict(re.findall(r"([<>]=?) ([-+.e0-9]+)", limits.replace("0 or ", "").split(";")[0]))
-    low = float(bounds[">="]) if ">=" in bounds else float(random.choice(NEAR_ZERO))
-    high = float(bounds["<="]) if "<=" in bounds else float(bounds.get("<", 1.0)) * (1.0 - 1e-9)
+    found = RANGE.search(limits)
+    assert found is not None
+    opening, low_end, high_end, closing = found.groups()
+    low = float(low_end) if opening == "[" else float(random.choice(NEAR_ZERO))
+    high = 1.0 - 1e-9 if high_end is None else float(high_end) * (1.0 if closing == "]" else 1.0 - 1e-9)
     value = low if random.random() < 0.5 else high
     return int(value) if whole else value
 

@@ -38,7 +38,11 @@ LAWS = [
     "{kind: friction, force_n: 4.0}",
 ]
 IDENTIFY_FILE = ["identify", "--no-figure", "--corrected", "--data"]
-OF_THE_MOMENT = re.compile(r"(\d+(\.\d+)?) (s|ms|min|minutes?|hours?)\b|\d{4}-\d\d-\d\d[T ]?[\d:.]*Z?|[0-9a-f]{12,}")
+OF_THE_MOMENT = re.compile(
+    r"(\d+(\.\d+)?) (s|ms|min|minutes?|hours?)\b|\d{4}-\d\d-\d\d[T ]?[\d:.]*Z?"
+    r"|[0-9a-f]{12,}|\d+\.\d+\.\d+ [0-9a-f]{7}\b"
+)
+PROGRESS = ("reading results:", "compiling real-time code", "first run of this version")  # as far as the machine is
 CHANGING = ("created_utc", "git_commit", "command_line", "platform", "package_versions", "rths_version")
 
 
@@ -176,7 +180,7 @@ def compare(before: Path, after: Path, show_texts: bool) -> int:
 def plain(path: Path) -> list[str]:
     """Return the printed lines of a command without times, dates, hashes and the folder's own name."""
     text = path.read_text().replace(str(path.parent.resolve()), "FOLDER")
-    return [OF_THE_MOMENT.sub("#", line) for line in text.splitlines()]
+    return [OF_THE_MOMENT.sub("#", line) for line in text.splitlines() if not line.startswith(PROGRESS)]
 
 
 def first_difference(one: list[str], other: list[str]) -> str:

@@ -21,8 +21,7 @@ ONLY_OF = {
     INCH_MM: ("m", "mm", "m/s", "mm/s", "N/m", "N s/m", "N/mm"),
     1.0 / POUND_KG: ("kg",),
 }
-"""The units in which a factor of SLIPS can happen; the others are prefixes, of any unit. A number without a unit is
-compared with another of its own kind, whatever that is: all are possible."""
+"""The units for which the usual reason of a factor of SLIPS can be true; the others are prefixes, of any unit."""
 ALIKE = 1.05  # greatest over least of numbers that are equal by design
 EXACT = 0.02  # relative difference from a factor of SLIPS that makes a number of such a list suspicious
 
@@ -64,7 +63,7 @@ class Comparison:
         plausible, with its name; None where none explains it."""
         high = self.high if isfinite(self.high) else 1e4 * self.low
         middle = 0.5 * log(max(self.low, 1e-4 * high) * high)
-        factors = [(power, SLIPS[size]) for size in slips_in(self.unit) for power in (size, 1.0 / size)]
+        factors = [(power, reason_of(size, self.unit)) for size in SLIPS for power in (size, 1.0 / size)]
         fitting = [one for one in factors if self.low <= self.ratio / one[0] ** self.power <= self.high]
         if not (self.ratio > 0.0 and isfinite(self.ratio)):
             return None
@@ -96,9 +95,9 @@ class Comparison:
         return f"{self.low:.3g} to {self.high:.3g} times"
 
 
-def slips_in(unit: str) -> tuple[float, ...]:
-    """Return the factors of SLIPS that can happen to a number in `unit`."""
-    return tuple(size for size in SLIPS if not unit or unit in ONLY_OF.get(size, (unit,)))
+def reason_of(size: float, unit: str) -> str:
+    """Return a factor of SLIPS with its usual reason, alone where that cannot be true of a number in `unit`."""
+    return SLIPS[size] if not unit or unit in ONLY_OF.get(size, (unit,)) else f"{size:.3g}"
 
 
 def doubts_of(comparisons: Iterable[Comparison]) -> Iterator[Comparison]:
@@ -136,7 +135,7 @@ def _off_by_a_slip(
     if not rest or min(rest) <= 0.0 or value <= 0.0 or max(rest) > ALIKE * min(rest):
         return
     mean = sum(rest) / len(rest)
-    if any(abs(value / mean / factor - 1.0) <= EXACT for size in slips_in(unit) for factor in (size, 1.0 / size)):
+    if any(abs(value / mean / factor - 1.0) <= EXACT for size in SLIPS for factor in (size, 1.0 / size)):
         yield Comparison(
             key, value, unit, "that of all others, which are equal", mean, 1.0 / ALIKE, ALIKE, names, place
         )

@@ -14,7 +14,7 @@ from rths_cli.experiment import doctor_command
 from rths_cli.experiment import doctor_command as machine_module
 from rths_cli.experiment.doctor_command import Examined, Machine, RigRates, advice, examine, preemption, this_machine
 from rths_cli.experiment.doctor_request import DoctorRequest, examine_request
-from rths_cli.files.machine_rates import RateMeasured, held_rate
+from rths_cli.files.machine_rates import RateMeasured, delay_summary, held_rate
 from rths_cli.loop.scheduling import Granted
 from rths_cli.report.doctor_page import document, page
 
@@ -29,7 +29,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def summary(rate_hz: float, late_ns: np.ndarray, share: float = 0.5) -> RateMeasured:
-    return doctor_command.summary(rate_hz, late_ns, share)
+    return delay_summary(rate_hz, late_ns, share)
 
 
 def delays(*late_us: int, steps: int = 1000) -> np.ndarray:

@@ -99,7 +99,7 @@ def test_a_usual_feedback_that_is_of_no_use_is_told_so(bare: Identification, mon
             raise InputError("controller: no feedback is of use on this table")
         return design(model, frf, dt_s, hz, peak, weights, *more)
 
-    monkeypatch.setattr(feedback_choice.feedback, "design", without_usual)
+    monkeypatch.setattr(feedback, "design", without_usual)
     setup = bare_setup()
     found = design_blocks(setup, bare)
     assert found.chosen == Chosen(Weights((1.0, 12.0), 1e-3), 1.5, usual_of_use=False)

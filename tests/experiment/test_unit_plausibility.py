@@ -283,12 +283,17 @@ def test_consent_is_asked_for_the_keys_that_are_played_only(monkeypatch: pytest.
 
 @pytest.mark.parametrize(
     ("unit", "ratio", "named"),
-    [("kg", 1.0 / 25.4, "25.4"), ("kg", 2.20462, "2.205 (lb for kg)"), ("mm", 25.4, "25.4 (inch for mm)"), ("Hz", 9.80665, "9.81"),
-     ("m/s^2", 1.0 / 9.80665, "9.81 (g for m/s^2, kgf for N)"), ("s", 1e3, "1000 (k or m before a unit)"), ("", 25.4, "25.4 (inch for mm)")],
-)  # fmt: skip
-def test_a_slip_has_its_usual_reason_only_in_a_unit_of_which_it_can_be_true(
-    unit: str, ratio: float, named: str
-) -> None:
+    [
+        ("kg", 1.0 / 25.4, "25.4"),
+        ("kg", 2.20462, "2.205 (lb for kg)"),
+        ("mm", 25.4, "25.4 (inch for mm)"),
+        ("", 25.4, "25.4 (inch for mm)"),
+        ("Hz", 9.80665, "9.81"),
+        ("m/s^2", 1.0 / 9.80665, "9.81 (g for m/s^2, kgf for N)"),
+        ("s", 1e3, "1000 (k or m before a unit)"),
+    ],
+)
+def test_a_slip_has_its_usual_reason_only_where_that_can_be_true(unit: str, ratio: float, named: str) -> None:
     slip = Comparison("key", ratio, unit, "its neighbour", 1.0, 0.9, 1.1).slip
     assert slip is not None and slip[1] == named
 

@@ -18,8 +18,8 @@ from rths_cli.analysis.metrics import error_figures
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import load_cases
+from rths_cli.experiment.check_command import choose_design
 from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import TABLE_RUNS, plan_run, play_run
 from rths_cli.experiment.run_signals import on_record_clock, whole_building

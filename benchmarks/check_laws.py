@@ -24,8 +24,8 @@ from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.structural_response import inter_storey_drift_m
 from rths_cli.errors import InputError, RthsError
+from rths_cli.experiment.check_command import choose_design
 from rths_cli.experiment.design import Design, design_blocks
-from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import HYBRID_TEST, plan_run, play_run
 from rths_cli.experiment.run_signals import on_record_clock, whole_building

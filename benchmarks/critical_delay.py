@@ -11,7 +11,7 @@ import time
 import numpy as np
 from options import arguments, parsed
 
-from rths_cli.analysis.critical_delay import critical_delay
+from rths_cli.analysis.closed_loop import critical_delay
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.structure import Building, Numerical, Specimen, assemble, modal_damping_matrix, storey_matrix
 

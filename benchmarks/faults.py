@@ -196,8 +196,8 @@ class Worker:
 def _left(output: Path, code: int) -> tuple[str, str]:
     """Return status and reason of the result that a run left, after `rths recover` where it was killed."""
     from rths_cli.errors import InputError
-    from rths_cli.experiment.recovery import recover
     from rths_cli.files.result_reader import read_result
+    from rths_cli.laboratory.recover import recover
 
     results = [path for path in output.glob("*.h5") if not path.name.startswith(".")]
     parts = list(output.glob(".*.part"))

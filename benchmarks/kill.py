@@ -25,11 +25,11 @@ from options import arguments, parsed
 
 from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.experiment import result_contents
-from rths_cli.experiment.recovery import recover
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.raw_log import SUFFIX, RawHeader, RawLogWriter, raw_log_path, still_in
 from rths_cli.files.result_reader import ResultWriter, read_result, read_series
-from rths_cli.loop.raw_log_stream import LogStream
+from rths_cli.laboratory.recover import recover
+from rths_cli.loop.run_log import LogStream
 
 SHORT = ("--count", "2")
 PRINTS = "^2 runs killed"  # the short form at its end

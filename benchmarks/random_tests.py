@@ -14,8 +14,8 @@ from rths_cli.analysis.metrics import error_figures, rms
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError
+from rths_cli.experiment.check_command import choose_design
 from rths_cli.experiment.design import Design, design_blocks
-from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.one_table_run import HYBRID_TEST, plan_run, play_run

@@ -28,7 +28,7 @@ from rths_cli.errors import RthsError
 from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import drive_of
-from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_rig
+from rths_cli.experiment.real_rig_readiness import EXP_RTHS, guard_limits, open_rig
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.loop.guard import NONE, STUCK, STUCK_BITS, STUCK_S
 from rths_cli.loop.simulated_time_run import Outcome, play

@@ -26,11 +26,9 @@ from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import answer_hello_at, open_greeter, opens_session_at
-from rths_cli.rigs.udp.key_file import as_words, make_secret
 from rths_cli.rigs.udp.link import OK, converse_at, fresh_link
-from rths_cli.rigs.udp.session import sealed
-from rths_cli.rigs.udp.siphash import Words
-from rths_cli.rigs.udp.sockets import bound, connected
+from rths_cli.rigs.udp.packets import Words
+from rths_cli.rigs.udp.session import as_words, bound, connected, make_secret, sealed
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
 SHORT = ("20",)

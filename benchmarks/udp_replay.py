@@ -43,7 +43,7 @@ from udp_peer import PlainTarget  # noqa: E402
 from rths_cli.errors import RigError  # noqa: E402
 from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo  # noqa: E402
 from rths_cli.rigs.udp import packets  # noqa: E402
-from rths_cli.rigs.udp.key_file import make_secret  # noqa: E402
+from rths_cli.rigs.udp.session import make_secret  # noqa: E402
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget  # noqa: E402
 
 SHORT = ("--count", "50", "--seconds", "5")

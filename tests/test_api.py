@@ -323,10 +323,10 @@ def test_a_real_rig_needs_a_folder_and_the_main_thread(tmp_path: Path) -> None:
 
 
 def test_a_real_rig_moves_by_no_script_that_was_not_permitted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from rths_cli.experiment import operator_consent
+    from rths_cli.experiment import real_rig_readiness
 
     sentence = r"yes=True moves rigs whose file says `unattended: true`, rths run asks for others"
-    monkeypatch.setattr(operator_consent.sys, "stdin", type("Terminal", (), {"isatty": staticmethod(lambda: True)}))
+    monkeypatch.setattr(real_rig_readiness.sys, "stdin", type("Terminal", (), {"isatty": staticmethod(lambda: True)}))
     with pytest.raises(rths_cli.InputError, match=sentence):
         rths_cli.identify(CASE, "models/real.h5", settings={"table": "udp_loopback", "sample_rate_hz": 1000})
     with pytest.raises(rths_cli.InputError, match=sentence):
@@ -338,7 +338,7 @@ def test_a_real_rig_moves_by_no_script_that_was_not_permitted(monkeypatch: pytes
     with pytest.raises(rths_cli.InputError, match="does not say `unattended: true` in a file of its own"):
         rths_cli.run(CASE, settings={**REAL, "table": tmp_path / "attended.yaml"}, output=tmp_path, yes=True)
     assert list(tmp_path.glob("*.h5")) == []
-    monkeypatch.setattr(operator_consent.sys, "stdin", None)
+    monkeypatch.setattr(real_rig_readiness.sys, "stdin", None)
     with pytest.raises(rths_cli.InputError, match="nobody can be asked here"):
         rths_cli.identify(CASE, "models/real.h5", settings={"table": "udp_loopback", "sample_rate_hz": 1000})
 

@@ -10,7 +10,7 @@ import click
 import pytest
 
 from rths_cli.cli import cli
-from rths_cli.files.imported_models import read_foreign
+from rths_cli.files.foreign_models import read_foreign
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -25,9 +25,8 @@ from rths_cli.cli import cli
 from rths_cli.loop.run_log import Sizes, column_names, column_units
 from rths_cli.quantities import ATTRIBUTES, AXES, BLOCKS, DatasetDeclaration
 from rths_cli.quantities.attributes import OF_BLOCK, OF_FILE, OF_RUN
-from rths_cli.quantities.datasets import BEST, STORED, declared_datasets
+from rths_cli.quantities.datasets import BEST, RAW_LOG_COLUMNS, STORED, declared_datasets
 from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES, declared_model_datasets, model_dataset
-from rths_cli.quantities.raw_log_columns import RAW_LOG_COLUMNS
 from rths_cli.quantities.sweep_datasets import SWEEP_ATTRIBUTES, SWEEP_DATASETS
 
 ROOT = Path(__file__).parents[1]

@@ -49,7 +49,7 @@ def run(text: str, folder: Path) -> list[str]:
 
 
 def test_a_good_page_runs_in_order_and_tells_what_was_left_out(tmp_path: Path) -> None:
-    from rths_cli.experiment.ground_motion_list import show
+    from rths_cli.laboratory.listing import show
 
     shown = show("el_centro", None, None)[1].splitlines()[2]
     assert run(GOOD.replace("duration          53.74  s", shown), tmp_path) == ["needs a table"]

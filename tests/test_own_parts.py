@@ -17,7 +17,7 @@ from rths_cli import InputError
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
 from rths_cli.control import numerical_substructure
-from rths_cli.control.part_designs import Logged
+from rths_cli.control.interface import Logged
 from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
 from rths_cli.files.result_reader import read_result
 from rths_cli.numerics.lti import Block

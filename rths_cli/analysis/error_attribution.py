@@ -31,7 +31,7 @@ from rths_cli.analysis.error_budget import (
     samples_without_gaps,
 )
 from rths_cli.analysis.metrics import rms
-from rths_cli.analysis.predicted_error import Known, friction_samples, predict, samples_of_push
+from rths_cli.analysis.predicted_error import PredictionInputs, friction_samples, predict, samples_of_push
 from rths_cli.identification.results import Friction
 from rths_cli.numerics.hysteresis import slid
 from rths_cli.numerics.lti import Array, ComplexArray
@@ -97,7 +97,9 @@ class Cause:
         return float(np.max(self.storeys))
 
 
-def causes_of(known: Known, signals: Signals, budget: Budget, test: Undisturbed | None = None) -> tuple[Cause, ...]:
+def causes_of(
+    known: PredictionInputs, signals: Signals, budget: Budget, test: Undisturbed | None = None
+) -> tuple[Cause, ...]:
     """Return the causes of the measured error, the largest first; () where the specimen was not identified. `test`:
     None for a building without laws."""
     if known.specimen is None:
@@ -181,7 +183,7 @@ def _factors(rows: Array, wanted: Array) -> Array:
 
 
 def _candidates(
-    known: Known, specimen: Specimen, signals: Signals, samples: ComplexArray, command: ComplexArray
+    known: PredictionInputs, specimen: Specimen, signals: Signals, samples: ComplexArray, command: ComplexArray
 ) -> Iterator[tuple[str, list[ComplexArray]]]:
     """Yield each candidate's name and its columns (c, m) in the samples."""
     lines, channels = known.lines, known.rig.channels
@@ -210,7 +212,7 @@ def _candidates(
     yield from _of_specimen(known, specimen, samples)
 
 
-def _of_lag(known: Known, specimen: Specimen, samples: ComplexArray, push: ComplexArray) -> ComplexArray:
+def _of_lag(known: PredictionInputs, specimen: Specimen, samples: ComplexArray, push: ComplexArray) -> ComplexArray:
     """Return what a lag of the actuator that is longer by its own length adds to the samples (c, m), alias left out.
 
     A force f that comes later by t is less by t f', as if the command were. At high frequency a volt makes f rise at a
@@ -222,7 +224,9 @@ def _of_lag(known: Known, specimen: Specimen, samples: ComplexArray, push: Compl
     return -push * known.loop.ahead * s * force / (known.model.gain * mass_kg)
 
 
-def _of_specimen(known: Known, specimen: Specimen, samples: ComplexArray) -> Iterator[tuple[str, list[ComplexArray]]]:
+def _of_specimen(
+    known: PredictionInputs, specimen: Specimen, samples: ComplexArray
+) -> Iterator[tuple[str, list[ComplexArray]]]:
     """Yield the candidates of the specimen: forces on its floors, which move as identified otherwise."""
     s = 2j * np.pi * known.lines.frequency_hz
     M, floors = np.diag(specimen.masses_kg), len(specimen.masses_kg)
@@ -256,14 +260,14 @@ def _smooth_sign(series: Array) -> Array:
     return np.tanh(series / (SMOOTH * float(rms(series)) or 1.0))
 
 
-def _sign_of_velocity(known: Known, signals: Signals) -> ComplexArray:
+def _sign_of_velocity(known: PredictionInputs, signals: Signals) -> ComplexArray:
     """Return the lines (m,) of the command that is equivalent to friction of 1 V."""
     velocity = signals.desired[1]
     scale = known.friction.scale_m_s if known.friction else ASSUMED_SCALE * (float(rms(velocity)) or 1.0)
     return known.lines.of(Friction(1.0, 0.0, math.inf, 0.0, scale).disturbance_v(velocity))
 
 
-def _of_series(known: Known, law: Callable[[Array], Array], row: ComplexArray) -> ComplexArray:
+def _of_series(known: PredictionInputs, law: Callable[[Array], Array], row: ComplexArray) -> ComplexArray:
     """Return the lines (m,) of a law of a series, given by its lines (m,)."""
     lines = known.lines
     count = FINER * lines.reduced

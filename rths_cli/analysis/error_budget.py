@@ -22,10 +22,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rths_cli.analysis.closed_loop_response import hybrid, on_perfect_table
+from rths_cli.analysis.closed_loop import hybrid, on_perfect_table
 from rths_cli.analysis.fourier_lines import Lines
 from rths_cli.analysis.metrics import rms
-from rths_cli.analysis.predicted_error import Errors, Known, samples_of_push
+from rths_cli.analysis.predicted_error import Errors, PredictionInputs, samples_of_push
 from rths_cli.identification.results import Friction
 from rths_cli.numerics.bands import with_test_band
 from rths_cli.numerics.lti import Array, ComplexArray
@@ -184,7 +184,7 @@ class Undisturbed(Protocol):
 class Linear:
     """The test of a building without laws: solved on lines, and any disturbance is as good as a small one."""
 
-    def __init__(self, known: Known) -> None:
+    def __init__(self, known: PredictionInputs) -> None:
         self._loop, self._known, self._still = known.loop, known, np.zeros_like(known.ground)
         self._transfer: ComplexArray | None = None
         self.sim = known.sim
@@ -203,7 +203,7 @@ class Linear:
         return np.asarray(np.einsum("csm,cm->sm", self._transfer, samples))
 
 
-def split(known: Known, signals: Signals, test: Undisturbed | None = None) -> Budget:
+def split(known: PredictionInputs, signals: Signals, test: Undisturbed | None = None) -> Budget:
     """Return the measured error by cause; `test`: None for a building without laws."""
     test = test or Linear(known)
     lines, loop = known.lines, known.loop
@@ -255,7 +255,7 @@ def significant(value: float, off: float) -> float:
     return value * max(1.0 - (SURE * off / value) ** 2, 0.0) if value != 0.0 else 0.0
 
 
-def samples_without_gaps(known: Known, signals: Signals) -> Array:
+def samples_without_gaps(known: PredictionInputs, signals: Signals) -> Array:
     """Return the corrected samples (c, n), with lost ones replaced by the identified rig's response to the commands.
 
     The response is shifted to join the samples before and after the gap.
@@ -274,7 +274,7 @@ def _less_sure(fitted: tuple[float, ...], bridged: tuple[float, ...]) -> tuple[f
     return (*fitted[:half], *(math.hypot(off, by) for off, by in zip(fitted[half:], moved, strict=True)))
 
 
-def _added(known: Known, signals: Signals, added: ComplexArray) -> tuple[ComplexArray, ComplexArray | None]:
+def _added(known: PredictionInputs, signals: Signals, added: ComplexArray) -> tuple[ComplexArray, ComplexArray | None]:
     """Return the disturbance of the command (m,) by rounding, and its part near lost samples (None: none were lost)."""
     if signals.lost is None or not signals.lost.any():
         return added, None
@@ -286,15 +286,15 @@ def _error(changed: tuple[ComplexArray, ComplexArray]) -> tuple[ComplexArray, Co
     return -changed[0], changed[1]
 
 
-def _errors(known: Known, storeys: ComplexArray, tracking: ComplexArray) -> Errors:
+def _errors(known: PredictionInputs, storeys: ComplexArray, tracking: ComplexArray) -> Errors:
     return Errors(_rms(known, storeys), float(_rms(known, tracking)))
 
 
-def _rms(known: Known, lines: ComplexArray) -> Array:
+def _rms(known: PredictionInputs, lines: ComplexArray) -> Array:
     return rms(known.lines.evaluated(lines, CUT_PERIODS / known.lines.highest_hz))
 
 
-def _wanted(known: Known, desired: ComplexArray, samples: ComplexArray) -> ComplexArray:
+def _wanted(known: PredictionInputs, desired: ComplexArray, samples: ComplexArray) -> ComplexArray:
     """Return the command (m,) that feedforward and feedback compute from desired motion (3, m) and samples (c, m)."""
     loop, error = known.loop, desired[0] / known.loop.ahead - samples[0]
     forward = np.sum(loop.feedforward * desired, axis=0) + np.sum(loop.reaction * samples, axis=0)
@@ -302,7 +302,7 @@ def _wanted(known: Known, desired: ComplexArray, samples: ComplexArray) -> Compl
 
 
 def _disturbances(
-    known: Known, disturbed: ComplexArray, command: ComplexArray, velocity_m_s: Array, instants: Array | None
+    known: PredictionInputs, disturbed: ComplexArray, command: ComplexArray, velocity_m_s: Array, instants: Array | None
 ) -> tuple[dict[str, ComplexArray], tuple[float, ...]]:
     """Return the disturbance of the samples (c, m) by cause; gain error, delay error and friction that were fitted, and
     their standard uncertainties."""
@@ -321,7 +321,7 @@ def _disturbances(
 
 
 def friction_in_samples(
-    known: Known,
+    known: PredictionInputs,
     disturbed: ComplexArray,
     command: ComplexArray,
     velocity_m_s: Array,
@@ -348,14 +348,18 @@ def friction_in_samples(
     return as_identified + significant(more, off) * through * sign, more, off
 
 
-def _felt(known: Known) -> Array:
+def _felt(known: PredictionInputs) -> Array:
     """Return the weight (m,) of a disturbance of the table: its effect on the storeys, largest at their modes."""
     moved = hybrid(known.loop, np.zeros_like(known.ground), known.floors)
     return np.sqrt(np.sum(np.abs(moved.storeys) ** 2, axis=0)) * known.lines.test_band()
 
 
 def _told(
-    known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array, instants: Array | None
+    known: PredictionInputs,
+    disturbed: ComplexArray,
+    rows: tuple[ComplexArray, ...],
+    weight: Array,
+    instants: Array | None,
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the factors of rows as `fitted_factors` does and their standard uncertainties, of the record's instants
     alone that have a weight (at the reduced rate; None: of all)."""
@@ -367,14 +371,14 @@ def _told(
     return found, tuple(float(off) for off in scatter(known.lines, both[:-1], both[-1]))
 
 
-def _inside(known: Known) -> NDArray[np.bool_]:
+def _inside(known: PredictionInputs) -> NDArray[np.bool_]:
     f = known.lines.frequency_hz
     low, high = (with_test_band(hz, known.lines.test_band_hz) for hz in FITTED_HZ)
     return (f >= low) & (f <= high)
 
 
 def fitted_factors(
-    known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array
+    known: PredictionInputs, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array
 ) -> tuple[float, ...]:
     """Return the real factors of rows (m,) that explain most of a disturbance (m,) in the band of the fit, weighted."""
     inside = _inside(known)

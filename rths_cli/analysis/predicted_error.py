@@ -1,7 +1,18 @@
-"""The predicted error of a hybrid test by cause, before it moves: from identified rig and designed blocks.
+"""The predicted error of a hybrid test, also with another specimen or with motion of a few bits.
 
 The reference is SIM of the numerical substructure with the identified specimen. Deterministic causes are added as
 series, noise and rounding by their power; all are evaluated in the test band.
+
+Rounding errors are noise (analysis/quantisation.py) as long as they do not depend on each other and on the motion. In
+a motion of a few bits they do: the converter is then a gain, which is 0 below half a bit and up to 1.27 above it, and
+the force that is fed back is wrong in phase with the motion (describing function of a quantiser: Gelb and Vander Velde,
+Multiple-Input Describing Functions, 1968, section 2.3). In a loop with little damping this changes the decay of the
+motion itself. So the samples of the expected motion are rounded, their errors are carried through the closed loop, the
+motion with these errors is rounded again, and so on. The loop is causal: each round is right for a longer part of the
+record (waveform relaxation), and rounding errors are bounded, so that no round is far off. The part of the errors that
+is in proportion to the signal over the whole record is no error in a round but a gain with which the loop is closed.
+
+Where within a bit a channel's zero lies is known from a record in motion, or not at all. Several places are drawn.
 """
 
 from __future__ import annotations
@@ -13,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rths_cli.analysis.closed_loop_response import LoopResponse, Motion, hybrid, on_perfect_table
-from rths_cli.analysis.fourier_lines import Lines
+from rths_cli.analysis.closed_loop import LoopResponse, Motion, hybrid, on_perfect_table
+from rths_cli.analysis.fourier_lines import Lines, sim_lines
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.quantisation import rounding_power
 from rths_cli.control.friction_compensation import FrictionFeedforward
@@ -23,7 +34,7 @@ from rths_cli.identification.results import Friction
 from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model, hold_size
 from rths_cli.rigs.description import RigInfo
-from rths_cli.structure import Specimen
+from rths_cli.structure import Building, Specimen
 
 Booleans = NDArray[np.bool_]
 
@@ -66,7 +77,7 @@ class FewBits:
 
 
 @dataclass(frozen=True)
-class Known:
+class PredictionInputs:
     """The inputs of a prediction; all of them are identified or declared."""
 
     loop: LoopResponse
@@ -99,7 +110,7 @@ class Known:
         return self.rig.converters.step_v / np.array([c.sensitivity_v_per_unit for c in self.rig.channels])
 
 
-def predict(known: Known) -> Prediction:
+def predict(known: PredictionInputs) -> Prediction:
     """Return the predicted errors of the hybrid test."""
     nothing = np.zeros_like(known.floors)
     nominal = hybrid(known.loop, known.ground, nothing)
@@ -127,11 +138,11 @@ def predict(known: Known) -> Prediction:
     return Prediction(causes, together, np.sqrt(certain + of_true), nominal)
 
 
-def _rms(known: Known, lines: ComplexArray) -> Array:
+def _rms(known: PredictionInputs, lines: ComplexArray) -> Array:
     return rms(known.lines.evaluated(lines))
 
 
-def model_error_samples(known: Known, command_v: ComplexArray) -> ComplexArray:
+def model_error_samples(known: PredictionInputs, command_v: ComplexArray) -> ComplexArray:
     """Return the change of the samples (c, m) if the table responds as measured instead of as modelled to commands
     (m,).
 
@@ -179,7 +190,7 @@ def _kernel(frequency_hz: Array, compared: ComparedBand) -> Array:
     return np.ones(2 * round(0.5 * compared.with_high(SMOOTHED_HZ) / (frequency_hz[1] - frequency_hz[0])) + 1)
 
 
-def friction_samples(known: Known) -> ComplexArray:
+def friction_samples(known: PredictionInputs) -> ComplexArray:
     """Return the disturbance of the corrected samples (c, m) by dry friction, which acts without a command's delay.
 
     Where it is countered, the share is left that the identification's low-level record showed.
@@ -190,7 +201,7 @@ def friction_samples(known: Known) -> ComplexArray:
     return left * samples_of_push(known) * known.lines.of(known.friction.disturbance_v(known.velocity_m_s))
 
 
-def samples_of_push(known: Known) -> ComplexArray:
+def samples_of_push(known: PredictionInputs) -> ComplexArray:
     """Return the response (c, m) of the corrected samples to a command that acts without delay, per V."""
     return known.floors * at_once(known.model, known.lines.frequency_hz) / known.loop.ahead
 
@@ -201,14 +212,14 @@ def at_once(model: Model, frequency_hz: Array) -> ComplexArray:
     return model.response(frequency_hz) * late / hold_size(frequency_hz, model.dt_s)
 
 
-def of_correction(known: Known) -> ComplexArray:
+def of_correction(known: PredictionInputs) -> ComplexArray:
     """Return what the sensor correction makes (c, m) of each channel, of one without corners 1; 0 at 0 Hz."""
     sizes = np.array([c.sensitivity_v_per_unit for c in known.rig.channels])
     corrected = np.einsum("ccm->cm", known.correction.response(known.lines.frequency_hz[1:])) * sizes[:, None]
     return np.concatenate([np.zeros((len(sizes), 1)), corrected], axis=1)
 
 
-def _stochastic(known: Known, nominal: Motion) -> tuple[dict[str, Array], Array]:
+def _stochastic(known: PredictionInputs, nominal: Motion) -> tuple[dict[str, Array], Array]:
     """Return the power (n_storeys + 1,) in the test band of each random cause, for the storeys, then for tracking, and
     that of all together (n_storeys,) in the true motions."""
     lines, dt = known.lines, known.rig.dt_s
@@ -249,7 +260,7 @@ class _NoiseOfChannel(NamedTuple):
     rounded: Array  # (m,) power of the channel's rounding errors by line, per sample
 
 
-def _of_channels(known: Known, nominal: Motion, moved: Motion) -> Iterator[_NoiseOfChannel]:
+def _of_channels(known: PredictionInputs, nominal: Motion, moved: Motion) -> Iterator[_NoiseOfChannel]:
     """Yield the answer to the noise of each channel; `moved` by rounded commands."""
     lines, dt, bits, noise = known.lines, known.rig.dt_s, known.bits_m_s2, white_noise_m_s2(known)
     corrected = of_correction(known)
@@ -268,7 +279,7 @@ def _of_channels(known: Known, nominal: Motion, moved: Motion) -> Iterator[_Nois
 
 
 def noise_shown_and_true(
-    known: Known, nominal: Motion, shown: Callable[[ComplexArray], ComplexArray]
+    known: PredictionInputs, nominal: Motion, shown: Callable[[ComplexArray], ComplexArray]
 ) -> tuple[Array, Array]:
     """Return the RMS (n_storeys,) in m/s^2 in the test band that noise and rounding of samples are expected to have in
     a figure of the reported motion, and in the true motion.
@@ -287,20 +298,20 @@ def noise_shown_and_true(
     return np.sqrt(read), np.sqrt(true if few is None else true + few.weight * few.true)
 
 
-def _by_command(known: Known) -> Motion:
+def _by_command(known: PredictionInputs) -> Motion:
     """Return the loop's response to white rounding errors of commands, of variance one per sample, as shaped."""
     shape = 1.0 - 1.0 / known.lines.z if known.shaped else np.ones_like(known.lines.z)
     return hybrid(known.loop, np.zeros_like(known.ground), np.zeros_like(known.floors), shape)
 
 
-def dither_m_s2(known: Known) -> Array:
+def dither_m_s2(known: PredictionInputs) -> Array:
     """Return the rms (c,) of what moves the samples at random before they are rounded: the channels' noise, and the
     motion that a noise-shaped command makes."""
     shaken = np.array([size for size, _ in _shaken(known, _by_command(known))])
     return np.hypot(white_noise_m_s2(known), shaken)
 
 
-def _shaken(known: Known, moved: Motion) -> list[tuple[float, float]]:
+def _shaken(known: PredictionInputs, moved: Motion) -> list[tuple[float, float]]:
     """Return the rms in m/s^2 of each channel's acceleration by the rounding of a noise-shaped command, and of its rate
     in m/s^3; zeros where commands are rounded as they are.
 
@@ -328,7 +339,7 @@ def _shaken(known: Known, moved: Motion) -> list[tuple[float, float]]:
     return found + [(0.0, 0.0)] * (len(known.floors) - len(found))
 
 
-def white_noise_m_s2(known: Known) -> Array:
+def white_noise_m_s2(known: PredictionInputs) -> Array:
     """Return the standard deviation (c,) of the channels' noise before the sensor correction and before rounding."""
     return _apart(known.noise_m_s2, known.bits_m_s2)
 
@@ -342,7 +353,7 @@ def _apart(noise_m_s2: Array, bits_m_s2: Array) -> Array:
     return np.sqrt(np.where(noise_m_s2**2 > 4.0 * rounding, noise_m_s2**2 - rounding, noise_m_s2**2))
 
 
-def _density(known: Known, unit: Motion) -> Array:
+def _density(known: PredictionInputs, unit: Motion) -> Array:
     """Return the contribution (n_storeys + 1, m - 1) of each line but the first to the mean square in the test band.
 
     `unit` is the response to white noise of variance one per sample. The rows are the storeys, then tracking.
@@ -350,3 +361,108 @@ def _density(known: Known, unit: Motion) -> Array:
     band = known.lines.test_band() * known.lines.above_slow()
     size = np.abs(np.vstack([unit.storeys, unit.tracking]) * band) ** 2
     return np.asarray(2.0 * size[:, 1:] / known.lines.padded)
+
+
+def error_if_changed(known: PredictionInputs, nominal: Motion, changed: Building, loop: LoopResponse) -> Array:
+    """Return the RMS error (n_storeys,) in m/s^2 that another specimen than the identified one causes.
+
+    `nominal`: the undisturbed test with the identified specimen. `changed` and `loop`: building and loop with the other
+    one, the control as designed. The reference is SIM of the building with the other specimen, as the true error's is.
+    """
+    of_test = hybrid(loop, known.ground, np.zeros_like(nominal.corrected)).storeys - nominal.storeys
+    of_sim = sim_lines(changed, known.lines, known.ground[0]) - known.sim
+    return rms(known.lines.evaluated(of_test - of_sim))
+
+
+SHARES = 0.002, 0.005  # of SIM's RMS, rounding as noise: below the first it stays noise, above the second it is not
+DITHERED = 0.5  # bits of noise, rms, with which rounding is noise: a describing function within 1 % of one
+DRAWS = 3  # of zeros and noise
+SEED = 23
+ROUNDS = 8  # the errors of further ones are as large
+GAINS = (-1.0, 0.1)  # of a converter, less one: those with which the loop is closed
+TINY = np.finfo(float).tiny
+ZERO_CHANGES = 0.1  # bits by which a zero that was seen changes until the test
+
+
+def few_bits(known: PredictionInputs, prediction: Prediction) -> FewBits | None:
+    """Return the simulated rounding errors of a stable loop; None where rounding is noise.
+
+    `prediction` is that with rounding as noise.
+    """
+    bits = known.bits_m_s2
+    rounded = np.hypot(*(prediction.causes[name].storeys for name in ("quantisation", "rounding")))
+    size = np.maximum(rms(known.lines.evaluated(known.sim)), TINY)
+    weight = float(np.clip((np.max(rounded / size) - SHARES[0]) / (SHARES[1] - SHARES[0]), 0.0, 1.0))
+    dither = dither_m_s2(known)
+    plain = dither < DITHERED * bits
+    if weight == 0.0 or not plain.any():
+        return None
+    random = np.random.default_rng(SEED)
+    found = [_played(known, prediction.nominal, dither, plain, random) for _ in range(DRAWS)]
+    samples, command, true = (np.mean(each, axis=0) for each in zip(*found, strict=True))
+    return FewBits(weight, plain, samples, command, true)
+
+
+def _played(
+    known: PredictionInputs, nominal: Motion, dither: Array, plain: Booleans, random: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Return mean squares in (m/s^2)^2 in the test band, for one draw of zeros and noise: by the rounding of `plain`
+    channels (n_storeys + 1,), by that of commands (n_storeys + 1,), of the true motions (n_storeys,)."""
+    lines, corrected, still = known.lines, of_correction(known)[plain], np.zeros_like(known.ground)
+    step, channels, count = known.bits_m_s2[plain], len(dither), np.count_nonzero(plain)
+    place = random.uniform(-0.5, 0.5, channels)[plain]
+    if known.zero_m_s2 is not None:
+        place = known.zero_m_s2[plain] / step + 2.0 * ZERO_CHANGES * place
+    noise = random.standard_normal((count, lines.samples)) * dither[plain, None]
+    scale = corrected  # what a reading is corrected to, over the reading; one for the command
+    expected = nominal.corrected[plain]
+    if not known.shaped:
+        step, place = np.append(step, known.rig.converters.step_v), np.append(place, 0.0)
+        noise = np.vstack([noise, np.zeros_like(noise[:1])])
+        scale = np.vstack([scale, np.ones_like(scale[:1])])
+        expected = np.vstack([expected, nominal.command_v])
+
+    def moved(errors: ComplexArray) -> Motion:
+        added = np.zeros_like(known.floors)
+        added[plain] = errors[:count]
+        return hybrid(known.loop, still, added, None if known.shaped else errors[count])
+
+    def before_rounding(errors: ComplexArray) -> ComplexArray:
+        motion = moved(errors)
+        both = motion.corrected[plain] if known.shaped else np.vstack([motion.corrected[plain], motion.command_v])
+        return np.asarray(both - errors)
+
+    ones = np.eye(len(expected), dtype=complex)[:, :, None] * np.ones(lines.count)
+    loop = np.array([before_rounding(one) for one in ones]).transpose(2, 1, 0)
+    reading = np.where(scale == 0.0, 0.0, 1.0 / np.where(scale == 0.0, 1.0, scale))
+    signals, errors = expected.copy(), np.zeros_like(expected)
+    for _ in range(ROUNDS):
+        shown = _full_rate(known, reading * signals)
+        off = _error(shown + noise, step[:, None], place[:, None])
+        gain = np.clip(np.mean(off * shown, axis=1) / np.maximum(np.mean(shown**2, axis=1), TINY), *GAINS)[:, None]
+        rest = scale * lines.of(off - gain * shown)
+        closed = np.eye(len(gain)) - loop * gain[:, 0]
+        signals = np.asarray(np.linalg.solve(closed, expected.T[:, :, None] + loop @ rest.T[:, :, None])[:, :, 0].T)
+        errors = gain * signals + rest
+    by_samples, by_command = errors.copy(), errors.copy()
+    by_samples[count:], by_command[:count] = 0.0, 0.0
+    powers = [_powers(known, moved(each)) for each in (errors, by_samples, by_command)]
+    share = powers[0] / np.maximum(powers[1] + powers[2], TINY)
+    true = moved(errors).storeys
+    true[len(true) - channels :][plain] -= errors[:count] * known.loop.ahead
+    return share * powers[1], share * powers[2], rms(lines.evaluated(true)) ** 2
+
+
+def _full_rate(known: PredictionInputs, rows: ComplexArray) -> Array:
+    """Return the series (..., n) of lines (..., m) at the sample rate."""
+    return np.fft.irfft(rows, known.lines.padded)[..., : known.lines.samples]
+
+
+def _error(series: Array, step: Array, place: Array) -> Array:
+    """Return what rounding to steps adds to a series (k, n) whose zero lies at `place` within a bit (k, 1)."""
+    return np.asarray(np.floor(series / step + place + 0.5) * step - series)
+
+
+def _powers(known: PredictionInputs, moved: Motion) -> Array:
+    """Return the mean squares (n_storeys + 1,) of the storeys, then of tracking."""
+    return rms(known.lines.evaluated(np.vstack([moved.storeys, moved.tracking]))) ** 2

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import expm, matrix_balance
 
 from rths_cli.errors import InputError
-from rths_cli.numerics.driven_modes import driven_modes
-from rths_cli.numerics.lti import Array, ComplexArray
+from rths_cli.numerics.lti import Array, ComplexArray, driven_modes
 from rths_cli.structure import Building
 
 _LARGEST_EIGENVECTOR_CONDITION = 1e6  # beyond it the modal sum loses six digits: use the matrix recursion

@@ -10,14 +10,12 @@ from decimal import ROUND_DOWN, ROUND_UP, Context
 
 import numpy as np
 
-from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
-from rths_cli.analysis.closed_loop_response import LoopResponse, hybrid, loop_response
-from rths_cli.analysis.critical_delay import CriticalDelay
+from rths_cli.analysis.closed_loop import CriticalDelay, LoopResponse, closed_loop_matrix, hybrid, loop_response
 from rths_cli.analysis.fourier_lines import low_lines
 from rths_cli.analysis.identified_rig_block import IdentifiedRig
 from rths_cli.analysis.predicted_error import (
-    Known,
     Prediction,
+    PredictionInputs,
     data_ratio,
     of_correction,
     ratio_error,
@@ -571,7 +569,7 @@ def _grid(values: ComplexArray, dt_s: float, compared: ComparedBand, further_hz:
     return np.unique(np.concatenate([below, above[1:], around[(around > lowest_hz) & (around < 0.5 / dt_s)]]))
 
 
-def strays(known: Known, found: Stability) -> Strays:
+def strays(known: PredictionInputs, found: Stability) -> Strays:
     """Return what zeros, noise and rounding of the samples add to the command.
 
     Its rate is the largest of as many normal values as the record has samples.
@@ -583,7 +581,7 @@ def strays(known: Known, found: Stability) -> Strays:
     return Strays(_aside_v(known), rate, bool(np.any(known.loop.feedback)))
 
 
-def _aside_v(known: Known) -> float:
+def _aside_v(known: PredictionInputs) -> float:
     """Return how far the command goes aside because the channels' zeros are their means at rest, which stay within a
     bit: by what a record in motion showed them to be off, and twice the root mean square of what that leaves unknown.
 
@@ -612,7 +610,7 @@ def _aside_v(known: Known) -> float:
 
 
 def reach(
-    known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array, strays: Strays = NO_STRAYS
+    known: PredictionInputs, prediction: Prediction, rig: RigInfo, masses_kg: Array, strays: Strays = NO_STRAYS
 ) -> tuple[Reach, ...]:
     """Return the peaks of the undisturbed test, with the limits that the guard enforces.
 
@@ -679,7 +677,7 @@ def _causes(strays: Strays, rounding_v_s: float, braked: bool = False) -> tuple[
     return fast if braked else f"because a channel's zero is known to a part of a bit only: {bits}{forward}", fast
 
 
-def _from_rest(known: Known, values: ComplexArray) -> Array:
+def _from_rest(known: PredictionInputs, values: ComplexArray) -> Array:
     """Return the series (n,) of lines (m,) of a test that starts at rest.
 
     Lines describe a record that is repeated. A motion that is slower than the padding after the record is therefore
@@ -703,7 +701,7 @@ def _ringing(roots: ComplexArray, dt_s: float, first: int, end: int) -> Array:
     return np.hstack([motion.real, motion.imag])
 
 
-def unseen(known: Known) -> tuple[Fault, ...]:
+def unseen(known: PredictionInputs) -> tuple[Fault, ...]:
     """Return a reason if more than RESERVE of the interface's peak acceleration in SIM is above the highest line."""
     if known.peaks_m_s2 is None:
         return ()

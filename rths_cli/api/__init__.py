@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from rths_cli.control.part_designs import OwnParts
+    from rths_cli.control.interface import OwnParts
     from rths_cli.control.python_control import System
     from rths_cli.experiment.run_case import Ended
     from rths_cli.experiment.setup import OwnSamples, Setup
@@ -162,7 +162,7 @@ def identify(
     the excitation was stopped or gave no usable channels.
     """
     from rths_cli.experiment.identify_command import Asked, make_model
-    from rths_cli.experiment.operator_consent import ask_to_move
+    from rths_cli.experiment.real_rig_readiness import ask_to_move
 
     def permit(setup: Setup) -> None:
         ask_to_move([setup], yes, _refuse)
@@ -315,7 +315,7 @@ def _run(
 
 def _places(parts: OwnParts | None) -> OwnParts:
     """Return the parts as given; raises InputError for a place that the step does not have."""
-    from rths_cli.control.part_designs import PLACES
+    from rths_cli.control.interface import PLACES
 
     for place in parts or {}:
         if place not in PLACES:

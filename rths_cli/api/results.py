@@ -260,7 +260,7 @@ class RunResult:
     def export(self, folder: str | Path, to: str = "mat", replace: bool = True) -> list[Path]:
         """Write the result as `csv` or `mat` and return the files; raises InputError, without `replace` also
         where one exists."""
-        from rths_cli.report.export.export_command import FORMATS, NETCDF_REMOVED, ExportRequest, export
+        from rths_cli.report.export_files import FORMATS, NETCDF_REMOVED, ExportRequest, export
 
         if to == "netcdf":
             raise InputError(f"to: {NETCDF_REMOVED}")

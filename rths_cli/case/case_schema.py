@@ -14,8 +14,7 @@ from rths_cli.case.real_rig_overrides import REAL_DEFAULTS, STRICTER
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_capabilities import DEFAULT_KIND, Capabilities, capabilities_of
 from rths_cli.case.rig_schema import DEFAULT_LOST_SAMPLES, AnyRig, LimitOverrides, LimitsSpec, UdpRigSpec
-from rths_cli.case.scale_schema import ScaleSpec
-from rths_cli.case.structure_schema import DampingSpec, StructureSpec
+from rths_cli.case.structure_schema import DampingSpec, ScaleSpec, StructureSpec
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 
 Run = Literal["sim", "sim_delay", "shake_table", "exp_rths"]

@@ -1,4 +1,4 @@
-"""The versions of the interfaces that plug-ins are written for, and the old names that still work for one version.
+"""What an installed package offers to a case: rigs and laws through entry points, and their names.
 
 The module that an entry point of `rths.rigs` or `rths.laws` names states `RTHS_INTERFACE`, a whole number. Version 1 of
 rigs is that of rths 0.1, whose packages state none; version 2 renamed the fields of `Channel`.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from importlib import import_module
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, entry_points
 
 from rths_cli.errors import InputError
 
@@ -87,3 +87,14 @@ def tell_old_names(who: str) -> None:
     """Warn of the old names that plug-ins have asked for."""
     for name in sorted(OLD_NAMES):
         tell_once(f"{who} uses {name} of a channel, which is {RENAMED[name]} now; the old name ends with {ENDS}")
+
+
+GROUP = RIGS
+
+
+def plugin_kinds() -> dict[str, tuple[EntryPoint, ...]]:
+    """Return the entry points of every further kind of rig by its name."""
+    found: dict[str, tuple[EntryPoint, ...]] = {}
+    for point in entry_points(group=GROUP):
+        found[point.name] = (*found.get(point.name, ()), point)
+    return found

@@ -23,7 +23,7 @@ from pydantic_core import InitErrorDetails
 from rths_cli.case.calibration_schema import CalibrationSpec
 from rths_cli.case.field_types import Problem, Range, Strict, entry, exactly_one, listed, near, number, refusal, shown
 from rths_cli.case.further_channel_schema import DEFAULT_UNCERTAINTY, FurtherChannelSpec, Relative, corner_problems
-from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
+from rths_cli.case.plugin_interface import GROUP, plugin_kinds
 from rths_cli.case.rig_capabilities import DEFAULT_KIND
 from rths_cli.case.virtual_imperfections_schema import VirtualImperfections
 from rths_cli.case.virtual_physics_schema import AfterIdentification, VirtualPhysics

@@ -1,4 +1,5 @@
-"""Two numbers of a user's files that must agree (`Comparison`), and the sentence of doubt where they do not."""
+"""Two numbers of a user's files that must agree (`Comparison`), the sentence of doubt where they do not, and
+defaults times a unit's factor."""
 
 from __future__ import annotations
 
@@ -6,6 +7,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from math import isfinite, log
+from typing import TYPE_CHECKING
+
+from pydantic import BaseModel
+
+if TYPE_CHECKING:
+    from rths_cli.case.case_schema import Case
 
 POUND_KG, GRAVITY, INCH_MM = 0.45359237, 9.80665, 25.4
 SLIPS = {
@@ -139,3 +146,38 @@ def _off_by_a_slip(
         yield Comparison(
             key, value, unit, "that of all others, which are equal", mean, 1.0 / ALIKE, ALIKE, names, place
         )
+
+
+FACTORS = (GRAVITY, 9.81, INCH_MM, POUND_KG)  # without powers of ten, which people choose
+EXACT_DEFAULT = 5e-5  # relative difference from a factor
+
+
+def of_defaults(case: Case) -> Iterator[Comparison]:
+    """Yield a comparison for each number that is its default times or over one of FACTORS.
+
+    The virtual rig's physics is compared as it stands in its file, nothing follows from it.
+    """
+    yield from _of_model(case.table, "table")
+    for key in type(case).model_fields:
+        if key not in ("table", "structure", "reference", "limits"):
+            value, default = getattr(case, key, None), type(case).model_fields[key].default
+            yield from _of_number(key, value, default)
+            if isinstance(value, BaseModel):
+                yield from _of_model(value, key)
+
+
+def _of_model(model: BaseModel, above: str) -> Iterator[Comparison]:
+    for key, field in type(model).model_fields.items():
+        value = getattr(model, key, None)
+        if isinstance(value, BaseModel):
+            yield from _of_model(value, f"{above}.{key}")
+        else:
+            yield from _of_number(f"{above}.{key}", value, field.default)
+
+
+def _of_number(key: str, value: object, default: object) -> Iterator[Comparison]:
+    if not isinstance(value, float) or not isinstance(default, float) or value <= 0.0 or default <= 0.0:
+        return
+    ratio = value / default
+    if any(abs(ratio / factor - 1.0) <= EXACT_DEFAULT for size in FACTORS for factor in (size, 1.0 / size)):
+        yield Comparison(key, value, "", "its default", default, 0.99, 1.01)

@@ -2,50 +2,23 @@
 
 from __future__ import annotations
 
-from rths_cli.cli import (
-    calibrate,
-    check,
-    doctor,
-    export,
-    identify,
-    listing,
-    merge,
-    new,
-    plugin,
-    records,
-    recover,
-    report,
-    run,
-    schema,
-    serve,
-    structure,
-    sweep,
-)
+from rths_cli.cli import check, describe, export, identify, laboratory, report, run, sweep
 from rths_cli.cli.command_group import SIGNALS, cli
-from rths_cli.cli.completion import complete_names
 from rths_cli.cli.entry_point import main
 from rths_cli.cli.logs import add_log_options
+from rths_cli.cli.options import complete_names
 
 __all__ = [
     "SIGNALS",
-    "calibrate",
     "check",
     "cli",
-    "doctor",
+    "describe",
     "export",
     "identify",
-    "listing",
+    "laboratory",
     "main",
-    "merge",
-    "new",
-    "plugin",
-    "records",
-    "recover",
     "report",
     "run",
-    "schema",
-    "serve",
-    "structure",
     "sweep",
 ]
 

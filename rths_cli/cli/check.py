@@ -43,8 +43,7 @@ def check(
         _show_resolved(loaded, as_json)
         return 0
     from rths_cli.experiment.check_command import check_cases
-    from rths_cli.report.check_json import as_document
-    from rths_cli.report.check_page import pages
+    from rths_cli.report.check_page import as_document, pages
 
     screen = new_screen(quiet)
     checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing)

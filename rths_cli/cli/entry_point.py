@@ -17,8 +17,8 @@ from typing import NoReturn
 import click
 
 from rths_cli.cli.command_group import SIGNALS, cli
-from rths_cli.cli.completion import FileOfKind
 from rths_cli.cli.logs import LOG, PRINTED, end_logs
+from rths_cli.cli.options import FileOfKind
 from rths_cli.errors import InputError, RthsError, crash_note, out_of_memory
 from rths_cli.interrupts import INTERRUPTED, TERMINATED, Terminated, any_abandoned
 from rths_cli.safe_text import OutputError, PrintedStream, shortened

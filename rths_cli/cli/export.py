@@ -13,7 +13,7 @@ from rths_cli.cli.options import FILE, json_option, no_replace_option
 from rths_cli.cli.terminal import new_screen
 
 if TYPE_CHECKING:
-    from rths_cli.report.export.export_command import Exported
+    from rths_cli.report.export_files import Exported
 
 
 class Formats(click.Choice[str]):
@@ -22,7 +22,7 @@ class Formats(click.Choice[str]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the format; raises click.BadParameter."""
         if value == "netcdf":
-            from rths_cli.report.export.export_command import NETCDF_REMOVED
+            from rths_cli.report.export_files import NETCDF_REMOVED
 
             self.fail(NETCDF_REMOVED, param, ctx)
         return super().convert(value, param, ctx)
@@ -65,8 +65,8 @@ def export(
     Example: rths export results/el_centro_low_ff_fb.h5 --to mat
     """
     from rths_cli.files.existing_files import replaced_sentence
-    from rths_cli.report.export.export_command import ExportRequest
-    from rths_cli.report.export.export_command import export as export_results
+    from rths_cli.report.export_files import ExportRequest
+    from rths_cli.report.export_files import export as export_results
 
     screen = new_screen(quiet)
     request = ExportRequest(results, form, output, tuple(dict.fromkeys(groups)), not no_replace)

@@ -98,9 +98,8 @@ def identify(
 
     Example: rths identify el_centro_low_ff_fb --set identification.seed=1
     """
-    from rths_cli.experiment.identify_command import Asked, make_model
-    from rths_cli.experiment.identify_from_files import DataRequest, read_roles
-    from rths_cli.experiment.operator_consent import ask_to_move
+    from rths_cli.experiment.identify_command import Asked, DataRequest, make_model, read_roles
+    from rths_cli.experiment.real_rig_readiness import ask_to_move
     from rths_cli.experiment.unit_plausibility import OF_IDENTIFICATION
 
     if not data and (channels or rate_hz is not None or corrected):
@@ -149,8 +148,7 @@ def said_again(screen: Screen, silent: bool, every_s: float = SAID_S) -> Iterato
 
 def _show_identified(made: Any, as_json: bool) -> None:
     """Print the page of an identification, or with `as_json` its document, and draw its figure."""
-    from rths_cli.report.identification_json import as_document, rejected_document
-    from rths_cli.report.identification_page import page, rejected_page
+    from rths_cli.report.identification_page import as_document, page, rejected_document, rejected_page
 
     found, unfit = made.found, made.unfit
     if found is not None and made.figure:

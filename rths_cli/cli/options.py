@@ -1,4 +1,7 @@
-"""Options and option types that several commands share: `--set`, `--json`, `--method`, `--override`, `--yes`."""
+"""Options and arguments that several commands share, and the names that a shell completes.
+
+`--set`, `--json`, `--method`, `--override`, `--yes`.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,12 @@ import math
 import os
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
 from rths_cli.safe_text import shortened, visible
 
@@ -112,3 +116,56 @@ def yes_option(command: F) -> F:
     """Add --yes."""
     about = "Move a real rig without asking; its file must say `unattended: true`."
     return click.option("--yes", is_flag=True, help=about)(command)
+
+
+KINDS = {
+    "case": "cases",
+    "cases": "cases",
+    "structure": "structures",
+    "record": "records",
+    "rig": "rigs",
+}
+"""The kind of name that a parameter takes, by the parameter's own name."""
+
+
+SETTINGS = ("settings", "vary")
+
+
+class FileOfKind(click.ParamType):
+    """The name of a file of one kind: a shipped one, one in this folder or in the kind's own folder; or a path."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind, self.name = kind, kind.removesuffix("s")
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Return the names that start so, or have the shell complete files when there are none."""
+        from rths_cli.case.named_files import known
+
+        names = [name for name in known(self.kind, Path.cwd()) if name.startswith(incomplete)]
+        return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
+
+
+class SettingKey(click.ParamType):
+    """A key of a case, as in `--set table.physics.coulomb_n=0.9`."""
+
+    name = "key"
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Return the keys that start so; the last ones, which take a value, with their equals sign."""
+        from rths_cli.case.case_schema import CaseKeys
+        from rths_cli.case.field_types import dotted_keys
+
+        keys = dict.fromkeys(dotted_keys(CaseKeys))
+        parents = {key.rpartition(".")[0] for key in keys}
+        shown = [key if key in parents else f"{key}=" for key in keys if key.startswith(incomplete)]
+        return [CompletionItem(key) for key in shown]
+
+
+def complete_names(commands: Iterable[click.Command]) -> None:
+    """Have the shell complete the parameters of commands that take a name."""
+    for command in commands:
+        for parameter in command.params:
+            if parameter.name in KINDS:
+                parameter.type = FileOfKind(KINDS[parameter.name])
+            elif parameter.name in SETTINGS:
+                parameter.type = SettingKey()

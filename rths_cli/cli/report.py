@@ -159,7 +159,7 @@ def _report(asked: Asked, quiet: bool) -> int:
     _write(asked, found, screen, quiet)
     if replaced and not quiet:
         screen.message(replaced_sentence(replaced))
-    from rths_cli.report.baseline_comparison import got_worse
+    from rths_cli.report.group_comparison import got_worse
 
     worse = found.baseline is not None and asked.percent is not None and got_worse(found.baseline.changes)
     return 1 if worse or found.faults else 0

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.control.part_designs import Logged
+from rths_cli.control.interface import Logged
 from rths_cli.numerics.lti import Array, Block
 
 

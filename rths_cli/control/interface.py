@@ -1,13 +1,21 @@
-"""The interface of numerical and experimental substructure: what is commanded there, and how the force is made."""
+"""The interface between computed and experimental storeys, and what the design of an exchangeable part declares.
+
+`PartDesign`.
+
+A discrete `Block` is the design of a linear part. A nonlinear storey, an adaptive compensator or a model in another
+program declares the same, so that check, predictions and result file need to know no kind of part.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from rths_cli.numerics.lti import Array
+from rths_cli.errors import InputError
+from rths_cli.numerics.lti import Array, Block
 
 COMMANDED = {"acceleration": 0, "displacement": 2}
 """What an interface may command, and its row of the motion: acceleration, velocity, displacement."""
@@ -70,3 +78,57 @@ class Interface:
 def no_force(channels: int, estimates: int = 1) -> Interface:
     """Return an interface whose force is zero, for runs without numerical substructure."""
     return Interface(force_of_one(np.zeros(estimates), np.zeros(0), np.zeros(channels), 0.0))
+
+
+class Logged(NamedTuple):
+    """A value that a part writes to the log in every step."""
+
+    name: str
+    units: str
+    ahead: bool = False  # whether it belongs to k + n_p, as the desired motion does; the step sets it
+
+
+@runtime_checkable
+class PartDesign(Protocol):
+    """The design of a part of the step.
+
+    That of a numerical substructure may have an attribute `building` as well: the whole building (structure.Building)
+    that it and the specimen make. SIM and SIM-DELAY are then those of that building.
+    """
+
+    @property
+    def name(self) -> str:
+        """Return the part's name in result files and messages."""
+
+    @property
+    def affine(self) -> bool:
+        """Return whether its outputs are affine in the inputs of the same instant; the interface force must be such an
+        input of a numerical substructure."""
+
+    @property
+    def linear(self) -> bool:
+        """Return whether it is a linear block at all times, so that its coming outputs can be foreseen."""
+
+    @property
+    def logs(self) -> tuple[Logged, ...]:
+        """Return what it logs, in the order of its compiled part's `logged`."""
+
+    @property
+    def multiplications(self) -> int:
+        """Return its work in a step, for information; 0 where it is not known."""
+
+    def linearised(self, at: Array | None = None) -> Block:
+        """Return the linear block at a state or at parameters, as the log holds them; None: those of the start.
+
+        Raises InputError where there is none: such a part cannot be judged before it is used.
+        """
+
+
+OwnParts = Mapping[str, Callable[[Any], Any]]
+"""Functions of the caller that make a part from the designed one, by its place: numerical, feedforward or feedback."""
+PLACES = ("numerical", "feedforward", "feedback")
+
+
+def not_judged(name: str) -> InputError:
+    """Return the error of a part that has no linear block."""
+    return InputError(f"{name} cannot be judged: it declares no linear block")

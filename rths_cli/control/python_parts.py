@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
-from rths_cli.control.part_designs import Logged, not_judged
-from rths_cli.numerics.callbacks import Callback
+from rths_cli.control.interface import Logged, not_judged
 from rths_cli.numerics.lti import Array, Block
+from rths_cli.numerics.user_functions import Callback
 from rths_cli.structure import Building
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from rths_cli.control.interface import Logged
 from rths_cli.control.numerical_substructure import (
     INPUTS,
     INTERFACE,
@@ -21,7 +22,6 @@ from rths_cli.control.numerical_substructure import (
     interface,
     state_space,
 )
-from rths_cli.control.part_designs import Logged
 from rths_cli.control.state_space import discretise
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, Block, StateSpace

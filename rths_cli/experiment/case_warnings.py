@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.keys_without_effect import sentence
+from rths_cli.experiment.check import ASSUMPTIONS, range_assumption
 from rths_cli.experiment.design import is_driven
 from rths_cli.experiment.setup import placed
-from rths_cli.experiment.tangent_verdicts import ASSUMPTIONS, range_assumption
 from rths_cli.experiment.unit_plausibility import doubts_building, unit_doubts, unknown_consents
 from rths_cli.identification.results import LEAST_HELD_OUT
 from rths_cli.structure import modes

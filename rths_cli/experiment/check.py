@@ -1,57 +1,421 @@
-"""The check of one case, computed: the building as identified, predicted error, and the verdict of
-analysis/stability_check.py."""
+"""The check of one case, computed: building as identified, predicted error, verdict, tangents of laws, simulated
+test.
+
+They are indications: a loop that is stable at every frozen tangent may still diverge, and one that is not may end in a
+bounded vibration. The simulated test (experiment/check.py) is the evidence.
+
+The compiled step with its laws is played on the identified model (loop/identified_rig_run.py), several times: on a
+perfect table, on the identified one, then with one cause of errors after the other added. The reference is SIM of the
+computed storeys with the identified specimen. After a run the same is done with what was measured (`Replayed`).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rths_cli.analysis import stability_check as preflight
-from rths_cli.analysis.changed_specimen import error_if_changed
-from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, loop_roots, modes_in_loop, slow_roots
-from rths_cli.analysis.closed_loop_response import loop_response
-from rths_cli.analysis.critical_delay import critical_delay
-from rths_cli.analysis.few_bits import few_bits
-from rths_cli.analysis.fourier_lines import lines_for
+from rths_cli.analysis.closed_loop import (
+    closed_loop_matrix,
+    critical_delay,
+    loop_response,
+    loop_roots,
+    modes_in_loop,
+    slow_roots,
+)
+from rths_cli.analysis.fourier_lines import delayed_rms, lines_for, sim_lines
 from rths_cli.analysis.metrics import rms
-from rths_cli.analysis.predicted_error import Known, predict
+from rths_cli.analysis.predicted_error import (
+    Errors,
+    PredictionInputs,
+    error_if_changed,
+    few_bits,
+    friction_samples,
+    model_error_samples,
+    predict,
+    white_noise_m_s2,
+)
 from rths_cli.analysis.references import reference_of
-from rths_cli.analysis.sim_fourier_lines import delayed_rms, sim_lines
+from rths_cli.analysis.stability_check import Fault, Reach, Strays, reach_of_series
 from rths_cli.analysis.true_error import OwnError, best_remedy, sensitivities, true_error
 from rths_cli.control.kalman_filter import specimen_state_space
+from rths_cli.control.numerical_substructure import interface
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
 from rths_cli.experiment import run_metrics
-from rths_cli.experiment.loop_stability_of_case import loop_parts, loop_stability, required_delay_s
-from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
+from rths_cli.experiment.design import loop_faults, loop_parts, loop_stability, required_delay_s
+from rths_cli.experiment.one_table_run import drive_of
+from rths_cli.experiment.real_rig_readiness import guard_limits
+from rths_cli.experiment.run_metrics import lowest_reliable_hz
+from rths_cli.experiment.run_signals import on_record_clock, whole_building
 from rths_cli.experiment.setup import motion_key
-from rths_cli.experiment.simulated_test import Replayed, simulated_test
-from rths_cli.experiment.tangent_verdicts import faults_at_tangents, stated_ends, tangent_verdicts
+from rths_cli.loop.guard import without_limits
+from rths_cli.loop.identified_rig_run import Disturbed, on_perfect_table, perfect_table, play_identified, seen_by_model
 from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.structure import Building, Specimen, assemble, modal_damping_matrix, modes, storey_matrix
 from rths_cli.structure.storey_laws import stacked
-from rths_cli.structure.tangents import at_rest, on_specimen, with_specimen
+from rths_cli.structure.tangents import Tangent, at_rest, at_tangents, on_specimen, with_specimen
 
 if TYPE_CHECKING:
-    from rths_cli.analysis.critical_delay import CriticalDelay
+    from numpy.typing import ArrayLike
+
+    from rths_cli.analysis.closed_loop import CriticalDelay
     from rths_cli.analysis.identified_rig_block import IdentifiedRig
-    from rths_cli.analysis.predicted_error import Errors, Prediction
+    from rths_cli.analysis.predicted_error import Prediction
     from rths_cli.analysis.sim import Response
-    from rths_cli.analysis.stability_check import Strays
     from rths_cli.analysis.true_error import Remedy, TrueError
+    from rths_cli.case.case_schema import Case
     from rths_cli.control.designed_blocks import Blocks
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.setup import Setup
-    from rths_cli.experiment.simulated_test import Simulated
-    from rths_cli.experiment.tangent_verdicts import TangentVerdict
     from rths_cli.identification.results import Calibration, Identification
-    from rths_cli.numerics.lti import Array, Block
+    from rths_cli.loop.guard import GuardLimits
+    from rths_cli.loop.simulated_time_run import Outcome
+    from rths_cli.numerics.lti import Array, Block, ComplexArray
+
+SOFTEST = 0.01  # of a storey's stiffness at rest: a softer building does not return within a record
+AT_REST = "at rest"
+ASSUMPTIONS = (
+    "structure.numerical.law: the verdicts at rest and at tangents of the laws are indications (a loop that is stable "
+    "at every frozen tangent may still diverge); the evidence is the test with the laws, simulated on the rig as "
+    "identified"
+)
+RANGE_ASSUMPTIONS = (
+    "check.specimen_range: the loop is judged at both ends of the specimen's stiffness, with the table's response as "
+    "identified; a specimen that changes in the test is not simulated"
+)
+REACTION_ASSUMPTIONS = (
+    "controller.reaction_feedforward: the loop is judged at both ends of the specimen's stiffness ({:g} and {:g} of "
+    "the identified one), with a table that moves as the changed reaction makes it; a specimen that changes in the "
+    "test is not simulated"
+)
+REACTION_RANGE = 0.5, 1.0  # judged with a feedforward of the reaction if the case states no specimen_range
+TANGENT = "tangent "  # begins the cause of each reason
+
+
+@dataclass(frozen=True)
+class TangentVerdict:
+    """The verdict on the loop at one tangent."""
+
+    name: str  # in words
+    stability: preflight.Stability
+    critical: CriticalDelay
+    faults: tuple[preflight.Fault, ...]  # why it is not safe
+
+
+def range_assumption(case: Case, counters_reaction: bool) -> str:
+    """Return how a specimen with a range of stiffness is judged, "" without a range."""
+    ends = stated_ends(case, counters_reaction)
+    if ends is None:
+        return ""
+    return REACTION_ASSUMPTIONS.format(*ends) if counters_reaction else RANGE_ASSUMPTIONS
+
+
+def tangent_verdicts(
+    setup: Setup,
+    identified: Identification,
+    blocks: Blocks,
+    building: Building,
+    shared: SharedValues,
+    ends: tuple[float, ...] | None = None,
+) -> tuple[TangentVerdict, ...]:
+    """Return the verdicts at rest and at all tangents, () for a linear building whose specimen has no range.
+
+    `blocks` are as designed; `building` is as identified, with its laws; `ends` those of the specimen's stiffness, over
+    the identified one. The table's response and the blocks of the control stay as identified
+    and designed.
+    """
+    frozen = _frozen(building, ends)
+    if len(frozen) < 2:
+        return ()
+    return tuple(_verdict(setup, identified, blocks, one, shared) for one in frozen)
+
+
+def faults_at_tangents(verdicts: tuple[TangentVerdict, ...]) -> tuple[preflight.Fault, ...]:
+    """Return why loops at tangents are not safe: each cause once, with the tangent at which it is worst."""
+    found: dict[str, list[tuple[str, preflight.Fault]]] = {}
+    for one in verdicts:
+        if one.name != AT_REST:
+            for fault in one.faults:
+                found.setdefault(fault.cause, []).append((one.name, fault))
+    told = []
+    for cause, same in found.items():
+        name, worst = max(same, key=lambda each: each[1].beyond)
+        more = f" (and {len(same) - 1} more)" if len(same) > 1 else ""
+        told.append(preflight.Fault(TANGENT + cause, f"with {name}{more}: {worst.text}", worst.beyond))
+    return tuple(told)
+
+
+def _frozen(building: Building, ends: tuple[float, ...] | None) -> list[Tangent]:
+    """Return the linear buildings to judge, the one at rest first."""
+    rest = Tangent(AT_REST, at_rest(building))
+    frozen = [rest, *at_tangents(building, SOFTEST)]
+    if ends is None:
+        return frozen
+    together = [one for one in frozen if one.name.startswith("all")] or frozen[1:]
+    found = list(frozen)
+    for factor in ends:
+        if factor != 1.0:
+            for one in (rest, *together):
+                name = f"specimen at {100.0 * factor:.3g} % of its stiffness, {one.name}"
+                found.append(Tangent(name, with_specimen(one.building, factor)))
+    return found
+
+
+def stated_ends(case: Case, counters_reaction: bool) -> tuple[float, ...] | None:
+    """Return the stated ends of the specimen's stiffness, or those of a case that asks for its reaction to be
+    countered. Where that is automatic, `design_choice` judges them."""
+    stated = case.check.specimen_range if case.check is not None else None
+    asked = counters_reaction and case.controller.reaction_feedforward is True
+    return REACTION_RANGE if stated is None and asked else stated
+
+
+def _verdict(
+    setup: Setup, identified: Identification, blocks: Blocks, at: Tangent, shared: SharedValues
+) -> TangentVerdict:
+    """Return the verdict at one tangent: that of the linear building, by the way of every linear building."""
+    assert identified.specimen is not None  # every case has experimental storeys
+    if at.building.numerical is not setup.building.numerical:
+        setup = replace(setup, building=replace(setup.building, numerical=at.building.numerical))
+        numerical = interface(at.building.numerical, setup.rig.dt_s, setup.case.integration)
+        blocks = replace(blocks, numerical=numerical)
+    specimen = at.building.specimen
+    there = None if specimen is identified.specimen.specimen else specimen
+    found = loop_stability(setup, identified, blocks, shared, there)
+    faults = tuple(loop_faults(setup, identified, blocks, shared, there))
+    return TangentVerdict(at.name, found, critical_delay(at.building), faults)
+
+
+MOST_ERROR = 0.5  # times SIM's RMS: a storey that is farther off does not do the test
+SEED = 19  # of the simulated noise
+SMALL = 1e-3  # rms of a small disturbance over that of the motion
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """The simulated test of a building with laws; empty values where the guard stopped it."""
+
+    faults: tuple[Fault, ...]  # why it is not safe, beside its reach
+    reach: tuple[Reach, ...]  # peaks of the test without noise
+    causes: dict[str, Errors] = field(default_factory=dict)  # RMS errors by cause, as in a Prediction
+    total: Errors | None = None
+    response: dict[str, ArrayLike] = field(default_factory=dict)  # metrics `check.*` of the building's response
+
+
+@dataclass(frozen=True)
+class _Played:
+    """One simulated test on the record's clock."""
+
+    outcome: Outcome
+    tracking: Array  # (n,) desired minus measured table acceleration
+    accel: Array  # (n_storeys, n)
+    rel_disp_m: Array  # (n_storeys, n)
+    law_force_n: Array  # (s, n)
+
+
+@dataclass(frozen=True)
+class SimulatedTest:
+    """What all simulated tests of a case share."""
+
+    setup: Setup
+    building: Building  # with the identified specimen and its laws
+    blocks: Blocks
+    drive: Array
+
+    def play(self, plant: Block, blocks: Blocks, disturbed: Disturbed, limits: GuardLimits) -> _Played:
+        outcome = play_identified(plant, self.setup.rig, blocks, self.drive, limits, disturbed)
+        dt_s, motion = self.setup.rig.dt_s, self.setup.motion
+        series = on_record_clock(outcome, blocks.lead_samples, dt_s, len(motion.time_s))
+        whole = whole_building(self.building, series, motion.accel_m_s2, dt_s)
+        law_force_n = series.law_force_n
+        assert law_force_n is not None  # a building with laws
+        tracking = series.desired[0] - series.measured[0]
+        return _Played(outcome, tracking, whole.abs_accel_m_s2, whole.rel_disp_m, law_force_n)
+
+    def errors(self, storeys: Array, tracking: Array) -> Errors:
+        """Return the RMS errors as a run reports them, of series (n_storeys, n) and (n,) in m/s^2."""
+        found = run_metrics.errors(
+            "check", (np.zeros_like(tracking), tracking, None), (np.zeros_like(storeys), storeys, None),
+            self.setup.rig.dt_s, lowest_reliable_hz(self.setup), None, self.setup.case.test_band_hz,
+        )  # fmt: skip
+        return Errors(np.asarray(found["check.rms_error_m_s2"]), float(np.asarray(found["check.tracking_rms_m_s2"])))
+
+
+def simulated_test(
+    setup: Setup, building: Building, design: Design, rig: IdentifiedRig, known: PredictionInputs, at_rest: Prediction,
+    sim: Response, strays: Strays,
+) -> Simulated:  # fmt: skip
+    """Return the simulated test of a building with laws on the identified rig.
+
+    `building` consists of the computed storeys with their laws and the identified specimen, and `sim` is its SIM;
+    `known` and `at_rest` are inputs and result of the prediction of the storeys at rest, `strays` theirs.
+    """
+    info, blocks = setup.rig, design.blocks
+    test = SimulatedTest(setup, building, blocks, drive_of(setup, design))
+    limits = guard_limits(setup)
+    limits = limits._replace(stuck=np.full(limits.stuck.shape, np.inf))  # a model's channels are never stuck
+    quiet = replace(seen_by_model(rig, blocks, info, setup.removes_sensors), shaping_step_v=0.0)
+    rows, still = len(test.drive), np.zeros((len(test.drive), len(info.channels)))
+    never = without_limits(limits)
+    nominal = test.play(rig.plant, quiet, Disturbed(still), never)
+    reach = _reach(setup, nominal, sim, blocks.shaping_step_v > 0.0, strays)
+    if not nominal.outcome.played:
+        return Simulated((_stopped(nominal.outcome),), tuple(replace(row, peak=np.inf) for row in reach))
+    command = known.lines.of(nominal.outcome.log.command_v[: known.lines.samples])
+    moved = replace(known, velocity_m_s=nominal.outcome.log.desired[1, : known.lines.samples])
+    added = {"model": model_error_samples(known, command), "friction": friction_samples(moved)}
+    wanted = {name: _samples_v(known, rig, samples, rows) for name, samples in added.items()}
+    noise = np.random.default_rng(SEED).standard_normal(still.shape) * (white_noise_m_s2(known) * _sizes(setup))
+    step_v, shaping_v = info.converters.step_v, blocks.shaping_step_v
+    with_friction = wanted["model"] + wanted["friction"]
+    with_noise = with_friction + noise
+    full = replace(quiet, shaping_step_v=shaping_v)
+    sent_step_v = 0.0 if shaping_v > 0.0 else step_v  # the rig rounds what the step does not
+    last = test.play(rig.plant, full, Disturbed(with_noise, step_v, sent_step_v), limits)
+    if not last.outcome.played:
+        return Simulated((_stopped(last.outcome),), reach)
+    model = test.play(rig.plant, quiet, Disturbed(wanted["model"]), never)
+    friction = test.play(rig.plant, quiet, Disturbed(with_friction), never)
+    noisy = test.play(rig.plant, quiet, Disturbed(with_noise), never) if noise.any() else friction
+    steps = {  # the run with a cause and the run without it
+        "model": (model, nominal),
+        "friction": (friction, model),
+        "noise": (noisy, friction),
+        "quantisation": (test.play(rig.plant, quiet, Disturbed(with_noise, step_v), never), noisy),
+        "rounding": (test.play(rig.plant, full, Disturbed(with_noise, 0.0, sent_step_v), never), noisy),
+    }
+    none = np.zeros_like(nominal.tracking)
+    ideal, coupling = _on_perfect_table(test, never), at_rest.causes["coupling"]
+    reached = sim.abs_accel_m_s2
+    if ideal is not None:
+        coupling, reached = test.errors(ideal.accel - reached, none), ideal.accel
+    causes = {"coupling": coupling, "latency": test.errors(nominal.accel - reached, nominal.tracking)}
+    for cause, (run, before) in steps.items():
+        causes[cause] = test.errors(run.accel - before.accel, run.tracking - before.tracking)
+    total = test.errors(last.accel - sim.abs_accel_m_s2, last.tracking)
+    size = test.errors(sim.abs_accel_m_s2, none).storeys
+    response = run_metrics.of_laws("check", building, last.rel_disp_m, last.law_force_n)
+    drifts = np.abs(np.diff(last.rel_disp_m, axis=0, prepend=0.0)).max(axis=1)
+    response["check.peak_inter_storey_drift_m"] = drifts
+    return Simulated(tuple(_far_off(total.storeys, size)), reach, causes, total, response)
+
+
+class Replayed:
+    """A test of storeys with laws, played again on the identified rig with disturbances that a run has shown.
+
+    Disturbances have lines up to those of `known`. That of a command is given as what the rig makes of it.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        building: Building,
+        design: Design,
+        rig: IdentifiedRig,
+        known: PredictionInputs,
+        sim: Response,
+    ) -> None:
+        """`building`, `design`, `rig`, `known` and `sim` as of `simulated_test`."""
+        self._known, self._rig, self._sim = known, rig, sim
+        self._test = SimulatedTest(setup, building, design.blocks, drive_of(setup, design))
+        self._never = without_limits(guard_limits(setup))
+        self._blocks = replace(seen_by_model(rig, design.blocks, setup.rig, setup.removes_sensors), shaping_step_v=0.0)
+        self._given = np.zeros_like(known.loop.rig)  # all disturbances so far
+        self._last = self._nominal = self._play(self._given)
+
+    @property
+    def sim(self) -> ComplexArray:
+        return self._known.lines.of(self._sim.abs_accel_m_s2)
+
+    @property
+    def perfect(self) -> ComplexArray:
+        found = _on_perfect_table(self._test, self._never)
+        return self.sim if found is None else self._known.lines.of(found.accel)
+
+    @property
+    def nominal(self) -> tuple[ComplexArray, ComplexArray]:
+        return self._known.lines.of(self._nominal.accel), self._known.lines.of(self._nominal.tracking)
+
+    def disturb(self, samples: ComplexArray, command: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
+        before, lines = self._last, self._known.lines
+        through = 0.0 if command is None else self._known.loop.rig * command
+        self._given = self._given + samples + through
+        self._last = self._play(self._given)
+        return lines.of(self._last.accel - before.accel), lines.of(self._last.tracking - before.tracking)
+
+    def small(self, samples: ComplexArray) -> ComplexArray:
+        lines = self._known.lines
+        size = float(rms(lines.series(samples)).max())
+        if size == 0.0:
+            return np.zeros_like(self.sim)
+        factor = SMALL * float(rms(self._nominal.accel).max()) / size
+        return np.asarray(lines.of(self._play(self._given + factor * samples).accel - self._last.accel) / factor)
+
+    def _play(self, samples: ComplexArray) -> _Played:
+        added = Disturbed(_samples_v(self._known, self._rig, samples, len(self._test.drive)))
+        return self._test.play(self._rig.plant, self._blocks, added, self._never)
+
+
+def _on_perfect_table(test: SimulatedTest, limits: GuardLimits) -> _Played | None:
+    """Return the test on a table that follows the desired motion; None without a lead, by which it is known early."""
+    info, blocks = test.setup.rig, test.blocks
+    if blocks.lead_samples < 1:
+        return None
+    plant = perfect_table(test.building.specimen, info, blocks.lead_samples)
+    still = np.zeros((len(test.drive), len(info.channels)))
+    quiet = replace(on_perfect_table(blocks, info), shaping_step_v=0.0)
+    return test.play(plant, quiet, Disturbed(still, of_desired=True), limits)
+
+
+def _reach(setup: Setup, played: _Played, sim: Response, shaped: bool, strays: Strays) -> tuple[Reach, ...]:
+    """Return the peaks of a simulated test, with the limits that the guard enforces."""
+    masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
+    log, steps = played.outcome.log, max(played.outcome.steps, 2)
+    command, accel = log.command_v[:steps], log.corrected[:, :steps]
+    rate = np.diff(command, prepend=0.0) / setup.rig.dt_s
+    interface = len(setup.building.numerical.masses_kg) - 1
+    loudest = float(np.abs(sim.abs_accel_m_s2[interface:]).max())
+    return reach_of_series(command, rate, accel, loudest, setup.rig, masses, shaped, strays)
+
+
+def _samples_v(known: PredictionInputs, rig: IdentifiedRig, corrected: ComplexArray, rows: int) -> Array:
+    """Return the disturbance (rows, c) of the raw samples in V whose lines (c, m), corrected, are given in m/s^2."""
+    lines = known.lines
+    correction = np.einsum("ccm->cm", rig.correction.response(lines.frequency_hz))
+    whole = np.fft.irfft(corrected / correction, lines.padded)
+    return np.ascontiguousarray(whole[:, :rows].T)
+
+
+def _sizes(setup: Setup) -> Array:
+    return np.array([channel.sensitivity_v_per_unit for channel in setup.rig.channels])
+
+
+def _stopped(outcome: Outcome) -> Fault:
+    text = (
+        f"the test simulated on the identified rig does not reach its end: at {outcome.stopped_at_s:.3f} s "
+        f"{outcome.stopped_by_limit}"
+    )
+    return Fault("simulated test", text, np.nan)
+
+
+def _far_off(errors: Array, sizes: Array) -> list[Fault]:
+    """Return a reason if a storey of the simulated test is far from SIM."""
+    ratios = errors / np.maximum(sizes, np.finfo(float).tiny)
+    worst = int(np.argmax(ratios))
+    if ratios[worst] <= MOST_ERROR:
+        return []
+    text = (
+        f"in the test simulated on the identified rig storey {worst + 1} is {ratios[worst]:.0%} of its own motion away "
+        f"from SIM, {MOST_ERROR:.0%} are permitted; lower scaling, or choose another controller"
+    )
+    return [Fault("simulated error", text, float(ratios[worst]))]
+
 
 RINGS = 7.0  # time constants after which a motion has decayed
 LONGEST_S = 300.0  # longest padding after the record
@@ -65,7 +429,7 @@ class Uncertain:
 
     setup: Setup  # with the sensors as identified
     identified: Identification
-    known: Known
+    known: PredictionInputs
     prediction: Prediction
     building: Building  # as identified, with the laws of its computed storeys
     at_level: Building  # the same with a specimen that holds at every level, where that was identified
@@ -87,7 +451,7 @@ class Judged:
     sim_rms_m_s2: Array  # (n_storeys,) RMS of SIM of the building as identified, in the test band
     friction_v: float  # friction of the table as a command, as used in the prediction
     largest_scaling: float  # up to which the test is safe; 0 if no scaling makes it safe
-    known: Known | None  # inputs of the prediction; None for an unstable loop
+    known: PredictionInputs | None  # inputs of the prediction; None for an unstable loop
     samples: tuple[Judged, ...] = ()  # the same of each sample of the identified model
     tangents: tuple[TangentVerdict, ...] = ()  # at rest and at the tangents of laws; none for a linear building
     simulated: Simulated | None = None  # the test of a building with laws; None: linear, or the loop is unstable
@@ -212,7 +576,7 @@ def _with_laws(at_rest: Prediction, causes: Mapping[str, Errors], total: Errors)
 
 
 def _true_error(
-    setup: Setup, identified: Identification, blocks: Blocks, known: Known, prediction: Prediction
+    setup: Setup, identified: Identification, blocks: Blocks, known: PredictionInputs, prediction: Prediction
 ) -> tuple[TrueError | None, Remedy | None, Array | float]:
     """Return the distribution of the true error, the best remedy, and the root mean square (n_storeys,) in m/s^2 of
     what the sensors will show of it; None, None and 0 where nothing is uncertain.
@@ -250,7 +614,7 @@ def _with_drift(setup: Setup, identified: Identification, calibration: Calibrati
 
 
 def uncertain_of(
-    setup: Setup, identified: Identification, known: Known, prediction: Prediction, whole: Building
+    setup: Setup, identified: Identification, known: PredictionInputs, prediction: Prediction, whole: Building
 ) -> Uncertain:
     """Return what is uncertain of a test on the `whole` building as identified."""
     building, calibration = at_rest(as_identified(setup, _specimen(identified))), identified.calibration
@@ -264,7 +628,7 @@ def uncertain_of(
     )  # fmt: skip
 
 
-def _pitch_error(identified: Identification, building: Building, known: Known) -> tuple[Array | None, float]:
+def _pitch_error(identified: Identification, building: Building, known: PredictionInputs) -> tuple[Array | None, float]:
     """Return the RMS error (n_storeys,) in m/s^2 against a reference on a rigid base, by pitch of the specimen's base,
     and its relative standard uncertainty; None and 0 where none is seen."""
     pitch, fit = identified.pitch, identified.specimen
@@ -291,7 +655,12 @@ def stiffness_uncertainty(setup: Setup, identified: Identification) -> float:
 
 
 def changed_specimen_error(
-    setup: Setup, identified: Identification, blocks: Blocks, known: Known, prediction: Prediction, factor: float
+    setup: Setup,
+    identified: Identification,
+    blocks: Blocks,
+    known: PredictionInputs,
+    prediction: Prediction,
+    factor: float,
 ) -> Array:
     """Return the RMS error (n_storeys,) in m/s^2 if all storeys of the specimen have `factor` times the identified
     stiffness.
@@ -308,7 +677,7 @@ def changed_specimen_error(
     return error_if_changed(known, prediction.nominal, changed, loop)
 
 
-def _declared_wrong(setup: Setup, whole: Building, known: Known, shared: SharedValues) -> Array:
+def _declared_wrong(setup: Setup, whole: Building, known: PredictionInputs, shared: SharedValues) -> Array:
     """Return the RMS (n_storeys,) of SIM of the building as identified less SIM of the declared one."""
     declared, motion = setup.building, setup.motion.accel_m_s2
     if not whole.has_laws:
@@ -330,7 +699,7 @@ def with_laws(setup: Setup, identified: Identification, design: Design) -> Build
 
 
 def _declared_wrong_at_level(
-    setup: Setup, whole: Building, identified: Identification, known: Known, shared: SharedValues
+    setup: Setup, whole: Building, identified: Identification, known: PredictionInputs, shared: SharedValues
 ) -> Array:
     """Return `_declared_wrong` of the specimen as it is at the test's level; where SIM cannot follow the specimen's
     laws, of its linear equivalent. The verdict does not depend on it."""
@@ -357,8 +726,8 @@ def _at_every_level(whole: Building, identified: Identification) -> Building:
 
 
 def _simulated(
-    setup: Setup, building: Building, design: Design, rig: IdentifiedRig, known: Known, prediction: Prediction,
-    strays: Strays, shared: SharedValues,
+    setup: Setup, building: Building, design: Design, rig: IdentifiedRig, known: PredictionInputs,
+    prediction: Prediction, strays: Strays, shared: SharedValues,
 ) -> Simulated:  # fmt: skip
     """Return the simulated test; with `shared`, equal tests of several cases are simulated once."""
     sim = _sim_with_laws(setup, building, shared)
@@ -405,7 +774,7 @@ def _sim_with_laws(setup: Setup, building: Building, shared: SharedValues) -> Re
     )
 
 
-def _sim_delay(setup: Setup, building: Building, known: Known, critical: CriticalDelay) -> Array | None:
+def _sim_delay(setup: Setup, building: Building, known: PredictionInputs, critical: CriticalDelay) -> Array | None:
     if setup.case.delay_s >= NEAR * critical.delay_s:
         return None
     return delayed_rms(known.lines, building, known.floors, known.ground[0], known.sim, setup.case.delay_s)
@@ -425,7 +794,7 @@ def as_identified(setup: Setup, specimen: Specimen) -> Building:
 def known_of(
     setup: Setup, identified: Identification, design: Design, rig: IdentifiedRig, storeys: Block, radius: float,
     shared: SharedValues | None = None,
-) -> Known:  # fmt: skip
+) -> PredictionInputs:  # fmt: skip
     """Return the inputs of the error prediction; raises InputError if the identified building has no SIM."""
     dt, motion, specimen = setup.rig.dt_s, setup.motion, _specimen(identified)
     building = as_identified(setup, specimen)
@@ -441,7 +810,7 @@ def known_of(
     ground = lines.of_motion(motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m)
     floors = specimen_state_space(specimen).response(lines.frequency_hz)[:, 0]
     interface = len(building.numerical.masses_kg) - 1
-    return Known(
+    return PredictionInputs(
         loop=loop_response(rig, design.blocks, storeys, lines.z),
         lines=lines,
         model=identified.best,

@@ -1,4 +1,22 @@
-"""The check of cases by `rths check`, and by `rths run` before EXP-RTHS: load, get a model, design, judge."""
+"""The check of cases by `rths check`, and by `rths run` before it moves a table: EXP-RTHS, shake-table test, choice
+of the design, metrics `check.*`.
+
+A feedforward of the reaction is a loop from the floors to the command, which matters only if the specimen changes.
+`controller.reaction_feedforward: automatic` takes it where the check finds the test safe with it, also at both ends of
+the specimen's stiffness. Otherwise the case is judged without it, so that it makes no test unsafe.
+
+A case gets the filter that it states, or where noise and rounding of the samples would be most of the error, one that
+trusts the identified specimen more, and then no feedforward of the reaction, which is for a specimen that changes. The
+usual filter takes the base shear from the measured floors, so that a specimen which is not quite the identified one
+costs next to nothing, and all noise of the samples is in the base shear. At small amplitudes, or with coarse
+converters, that noise is most of the error. A filter with less process noise and a lower `residual_hz` takes the base
+shear from the table's motion and the identified specimen instead. It pays where the specimen is known better than the
+floors are measured. Each filter of a list is judged by the check's predicted error together with the error that a
+specimen would cause that is off by its standard uncertainty: that of the identified stiffness, and its change between
+identification and test by `uncertainty.specimen` of the rig.
+
+Its loop is judged like that of the hybrid test, and so are its predicted peaks (analysis/stability_check.py).
+"""
 
 from __future__ import annotations
 
@@ -8,45 +26,441 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.fft import irfft, rfft
 
-from rths_cli.analysis.closed_loop_matrix import open_loop
+from rths_cli.analysis import stability_check as preflight
+from rths_cli.analysis.closed_loop import (
+    CriticalDelay,
+    closed_loop_matrix,
+    hybrid,
+    loop_response,
+    open_loop,
+    slow_roots,
+)
+from rths_cli.analysis.fourier_lines import lines_for
+from rths_cli.analysis.predicted_error import Errors, Prediction, PredictionInputs, predict
 from rths_cli.analysis.stability_check import DISPLACEMENT, SAFE, UNSAFE, UNSTABLE, VERDICTS, Fault
+from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment import result_contents
 from rths_cli.experiment.case_warnings import of_case
-from rths_cli.experiment.check_metrics import check_figures, table_test_figures
-from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.design_choice import choose_design
-from rths_cli.experiment.loop_stability_of_case import loop_parts
+from rths_cli.experiment.check import (
+    LONGEST_S,
+    REACTION_RANGE,
+    RINGS,
+    Judged,
+    as_identified,
+    changed_specimen_error,
+    faults_at_tangents,
+    judge,
+    noise_before_correction,
+    shown_zeros,
+    stated_ends,
+    stiffness_uncertainty,
+    tangent_verdicts,
+    with_laws,
+)
+from rths_cli.experiment.design import (
+    NOT_SHOWN,
+    Design,
+    design_blocks,
+    loop_faults,
+    loop_parts,
+    loop_stability,
+    required_delay_s,
+    table_alone,
+)
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.one_table_run import TABLE_RUNS, drive_of
 from rths_cli.experiment.planned_motion import guard_figures, guard_sentences, planned_motion
+from rths_cli.experiment.run_metrics import lowest_reliable_hz, of_margins
 from rths_cli.experiment.session import wants_session_record
 from rths_cli.experiment.setup import make_setups, placed, refuse_unstable_steps, shown
-from rths_cli.experiment.table_test_check import judge_table_test
 from rths_cli.experiment.unit_plausibility import before_error, keys_in_doubt, unit_doubts
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 from rths_cli.numerics.shared_values import SharedValues
+from rths_cli.quantities import over_samples
+from rths_cli.structure import Specimen
+from rths_cli.structure.tangents import with_specimen
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from rths_cli.analysis.predicted_error import PredictionInputs
-    from rths_cli.analysis.stability_check import Preflight
+    from rths_cli.analysis.stability_check import Preflight, Stability
     from rths_cli.analysis.true_error import TrueError
     from rths_cli.case.case_schema import Case
-    from rths_cli.control.part_designs import OwnParts
-    from rths_cli.experiment.check import Judged, Uncertain
-    from rths_cli.experiment.design import Design
-    from rths_cli.experiment.model_choice import Known
+    from rths_cli.control.designed_blocks import Blocks
+    from rths_cli.control.interface import OwnParts
+    from rths_cli.experiment.check import Replayed, TangentVerdict, Uncertain
+    from rths_cli.experiment.model_choice import IdentifiedModel
     from rths_cli.experiment.one_table_run import RunKind
     from rths_cli.experiment.planned_motion import PlannedMotion
     from rths_cli.experiment.setup import OwnSamples, Progress, Setup
-    from rths_cli.experiment.simulated_test import Replayed
-    from rths_cli.numerics.lti import Block
+    from rths_cli.identification.results import Identification
+    from rths_cli.numerics.lti import Array, Block
     from rths_cli.quantities import Values
+
+# name of a Reach -> name in the paths check.peak_* and check.limit_*
+REACH = {
+    "displacement (with room to brake)": "displacement_m",
+    "velocity": "velocity_m_s",
+    "acceleration": "acceleration_m_s2",
+    "accelerometers' range": "sensor_m_s2",
+    "actuator force": "force_n",
+    "command": "command_v",
+}
+
+
+TRUE_ERROR = {"true_error": "median", "true_error_bound": "bound", "calibration_error": "calibration"}
+LARGEST = "check.largest_scaling"
+DECLARED = tuple(f"check.limit_{name}" for name in REACH.values())  # metrics that no identification changes
+
+
+def check_figures(judged: Judged) -> dict[str, ArrayLike]:
+    """Return the metrics of a check by path; for an unstable loop, predicted peaks and errors are left out.
+
+    Over several samples of the identified model, a metric that differs between them carries its range as an interval.
+    A peak or error that a sample has not, because its loop is unstable or SIM-DELAY would diverge, has no upper end.
+    The largest scaling is safe with every sample and has no interval.
+    """
+    values = _figures(judged)
+    samples = []
+    for sample in judged.samples:
+        unlimited = {path: np.full(np.shape(value), np.inf) for path, value in values.items() if path not in DECLARED}
+        samples.append({**values, **unlimited, **_figures(sample), LARGEST: values[LARGEST]})
+    return over_samples(values, samples)
+
+
+def table_test_figures(found: Preflight) -> dict[str, ArrayLike]:
+    """Return the figures of a shake-table test's check by the last part of their paths: loop and predicted peaks."""
+    loop = found.stability
+    values: dict[str, ArrayLike] = {
+        "spectral_radius": loop.radius,
+        "tolerated_table_error": loop.tolerates,
+        "required_table_error": loop.required,
+        "table_error_hz": loop.at_hz,
+        "delay_margin_s": loop.measured.delay_margin_s,
+    }
+    if loop.radius < 1.0:
+        values |= {f"peak_{REACH[row.name]}": row.peak for row in found.reach}
+    return values
+
+
+def _figures(judged: Judged) -> dict[str, ArrayLike]:
+    """Return the metrics of a check of one member of the identified model, by path."""
+    found = judged.preflight
+    values = _stability(found) | _modes(judged) | _table_error(found)
+    values |= of_margins("check", found.stability.measured, "")
+    values |= of_margins("check", found.stability.modelled, "_model")
+    values[LARGEST] = judged.largest_scaling
+    values["check.friction_v"] = judged.friction_v
+    if judged.sim_delay_rms_m_s2 is not None:
+        values["check.sim_delay_rms_error_m_s2"] = judged.sim_delay_rms_m_s2
+    values |= _tangents(judged.tangents)
+    if judged.true_error is not None:
+        values |= {f"check.{name}_m_s2": getattr(judged.true_error, field) for name, field in TRUE_ERROR.items()}
+        if judged.true_error.pitch is not None:
+            values["check.pitch_error_m_s2"] = judged.true_error.pitch
+    if judged.expected_m_s2 is not None:
+        values["check.expected_error_m_s2"] = judged.expected_m_s2
+    if judged.simulated is not None:
+        values |= judged.simulated.response
+    if found.prediction is None:
+        return values
+    return values | _reach(found) | _errors(found.prediction)
+
+
+def _stability(found: Preflight) -> dict[str, ArrayLike]:
+    """Return the metrics of the loop's stability and of the critical delay."""
+    critical, loop = found.critical, found.stability
+    return {
+        "check.spectral_radius": loop.radius,
+        "check.growth": loop.growth,
+        "check.critical_delay_s": critical.delay_s,
+        "check.critical_delay_hz": critical.frequency_hz,
+        "check.gain_at_infinity": critical.gain_at_infinity,
+    }
+
+
+def _tangents(verdicts: Sequence[TangentVerdict]) -> dict[str, ArrayLike]:
+    """Return the metrics of the verdicts at rest and at tangents; none for a linear building."""
+    if not verdicts:
+        return {}
+    critical = np.array([one.critical.delay_s for one in verdicts])
+    rows: dict[str, ArrayLike] = {
+        "spectral_radius": [one.stability.radius for one in verdicts],
+        "tolerated_table_error": [one.stability.tolerates for one in verdicts],
+        "required_table_error": [one.stability.required for one in verdicts],
+        "table_error_hz": [one.stability.at_hz for one in verdicts],
+        "delay_margin_s": [one.stability.measured.delay_margin_s for one in verdicts],
+        "critical_delay_s": critical,
+        "faults": [float(len(one.faults)) for one in verdicts],
+    }
+    values = {f"check.tangent_{name}": np.asarray(row) for name, row in rows.items()}
+    ends = {"check.critical_delay_least_s": critical.min(), "check.critical_delay_most_s": critical.max()}
+    return {**values, **ends}
+
+
+def _modes(judged: Judged) -> dict[str, ArrayLike]:
+    """Return the metrics of the building's modes, on their own and in the loop."""
+    (own_hz, own_ratio), (loop_hz, loop_ratio) = judged.building, judged.in_loop
+    return {
+        "check.building_frequency_hz": own_hz,
+        "check.building_damping_ratio": own_ratio,
+        "check.loop_frequency_hz": loop_hz,
+        "check.loop_damping_ratio": loop_ratio,
+    }
+
+
+def _table_error(found: Preflight) -> dict[str, ArrayLike]:
+    """Return the metrics of tolerated and required table error."""
+    loop, beyond = found.stability, found.stability.feedback
+    alone: dict[str, ArrayLike] = {
+        "check.feedback_tolerated_error": beyond.tolerates,
+        "check.feedback_required_error": beyond.required,
+        "check.feedback_error_hz": beyond.at_hz,
+    }
+    return (alone if beyond.required > 0.0 else {}) | {
+        "check.tolerated_table_error": loop.tolerates,
+        "check.required_table_error": loop.required,
+        "check.table_error_hz": loop.at_hz,
+        "check.table_gain_change": loop.gain_change,
+        "check.tolerated_table_error_in_band": loop.in_band,
+        "check.table_error_in_band_hz": loop.in_band_hz,
+    }
+
+
+def _reach(found: Preflight) -> dict[str, ArrayLike]:
+    """Return the metrics of predicted peaks and their limits."""
+    values: dict[str, ArrayLike] = {}
+    for row in found.reach:
+        values[f"check.peak_{REACH[row.name]}"] = row.peak
+        values[f"check.limit_{REACH[row.name]}"] = row.limit
+    return values
+
+
+def _errors(found: Prediction) -> dict[str, ArrayLike]:
+    """Return the metrics of the predicted errors, in total and by cause."""
+    parts = [("", found.total), *((f"_{cause}", errors) for cause, errors in found.causes.items())]
+    storeys: dict[str, ArrayLike] = {f"check.rms_error{part}_m_s2": errors.storeys for part, errors in parts}
+    return storeys | {f"check.tracking_rms{part}_m_s2": errors.tracking for part, errors in parts}
+
+
+TRUSTING = ((1e-1, 4.0), (1e-2, 1.3), (1e-3, 0.4))  # q with r = 1, and residual_hz with the usual test band
+WORTH = 0.02  # of SIM's RMS: noise and rounding below it leave the usual filter
+NOT_SAFE = "the test would not be safe with it"
+KNOWN_RANGE = 0.85, 1.0  # of the specimen's stiffness: a filter that trusts the specimen must hold there
+GAIN = 0.8  # of the usual filter's error: another one must have less
+
+
+def choose_design(
+    setup: Setup, identified: Identification, design: Design, shared: SharedValues | None = None
+) -> tuple[Design, Judged]:
+    """Return the design that a case gets and the check of it; `design` is that of `design_blocks`.
+
+    Raises InputError as `judge`.
+    """
+    shared, why = shared or SharedValues(), ""
+    countered: Judged | None = None
+    if design.plain is not None:
+        countered, why = _countered(setup, identified, design, shared)
+        if countered is not None and not _samples_dominate(setup, countered):
+            return replace(design, plain=None), countered
+    plain = design.without_reaction()
+    judged = judge(setup, identified, plain, shared)
+    if why and judged.preflight.verdict == SAFE:
+        plain = replace(plain, reaction_left=why)
+    found = choose_filter(setup, identified, plain, judged, shared)
+    return found if countered is None or found[0].chosen_filter else (replace(design, plain=None), countered)
+
+
+def _countered(
+    setup: Setup, identified: Identification, design: Design, shared: SharedValues
+) -> tuple[Judged | None, str]:
+    """Return the check of the design that counters the reaction; None, and why, if the test is not safe with it.
+
+    Without stated ends of the specimen's stiffness the loop is judged at those of REACTION_RANGE, with every sample of
+    the model.
+    """
+    try:
+        judged = judge(setup, identified, design, shared)
+        stated = stated_ends(setup.case, design.blocks.counters_reaction) is not None
+        faults = [] if stated else _faults_at_ends(setup, identified, design, shared, REACTION_RANGE)
+    except InputError:  # a sample of the model shows no compliance; what else it may be is raised without the reaction
+        return None, NOT_SHOWN
+    reasons = (*judged.preflight.reasons, *(fault.text for fault in faults))
+    return (None, f"{NOT_SAFE}: {reasons[0]}") if reasons else (judged, "")
+
+
+def _faults_at_ends(
+    setup: Setup, identified: Identification, design: Design, shared: SharedValues, ends: tuple[float, float]
+) -> list[Fault]:
+    """Return why the loop is not safe at one of these ends of the specimen's stiffness, with every sample of the
+    model."""
+    faults: list[Fault] = []
+    for one in (identified, *identified.samples):
+        told = setup.calibrated(one)
+        building = with_laws(told, one, design)
+        faults += faults_at_tangents(tangent_verdicts(told, one, design.blocks, building, shared, ends))
+    return faults
+
+
+def choose_filter(
+    setup: Setup, identified: Identification, design: Design, judged: Judged, shared: SharedValues
+) -> tuple[Design, Judged]:
+    """Return the design with the filter that is expected to have the smallest error, and the check of it.
+
+    `design` and `judged` are those of the usual filter. They are returned where the case leaves no choice, where noise
+    and rounding of the samples are not most of the predicted error, and where no filter of TRUSTING is better and as
+    safe, also with a specimen that has lost stiffness (KNOWN_RANGE).
+    """
+    if not _samples_dominate(setup, judged) or judged.known is None:
+        return design, judged
+    usual = predict(judged.known)
+    best, least = (design, judged), GAIN * _expected(setup, identified, design, judged, usual)
+    for q, usual_hz in TRUSTING:
+        spec = setup.case.kalman.model_copy(
+            update={"q": q * setup.case.kalman.r, "residual_hz": usual_hz * setup.case.test_band_hz / TEST_BAND_HZ}
+        )
+        other = replace(setup, case=setup.case.model_copy(update={"kalman": spec}))
+        try:
+            made = replace(design_blocks(other, identified, shared).without_reaction(), chosen_filter=spec)
+            found = judge(other, identified, made, shared)
+        except InputError:  # this filter has no solution for the specimen, or no feedback suits it
+            continue
+        if found.known is None or judged.preflight.verdict == SAFE != found.preflight.verdict:
+            continue
+        if _faults_at_ends(other, identified, made, shared, KNOWN_RANGE):
+            continue
+        error = _expected(other, identified, made, found, predict(found.known))
+        if error < least:
+            best, least = (made, found), error
+    return best
+
+
+def _samples_dominate(setup: Setup, judged: Judged) -> bool:
+    """Return whether the filter may be chosen, and noise and rounding of the samples are most of the predicted error
+    and not negligible."""
+    if not _leaves_choice(setup) or judged.known is None:
+        return False
+    usual = predict(judged.known)
+    by_samples = np.hypot(usual.causes["noise"].storeys, usual.causes["quantisation"].storeys)
+    mostly = by_samples > np.sqrt(0.5) * usual.total.storeys
+    return bool(np.any(mostly & (by_samples > WORTH * judged.sim_rms_m_s2)))
+
+
+def _leaves_choice(setup: Setup) -> bool:
+    """Return whether the filter may be chosen: method best with its own blocks, a linear building, a specimen whose
+    stiffness has no range, and no weights stated."""
+    case = setup.case
+    ranged = case.controller.reaction_feedforward is True or (
+        case.check is not None and case.check.specimen_range is not None
+    )
+    plain = case.method == "best" and not setup.building.has_laws and not setup.parts and not ranged
+    return plain and case.kalman.choice == "automatic"
+
+
+def _expected(
+    setup: Setup, identified: Identification, design: Design, judged: Judged, prediction: Prediction
+) -> float:
+    """Return the predicted error over SIM's RMS at the worst storey, that of a changed specimen included."""
+    assert judged.known is not None
+    factor, blocks = 1.0 + stiffness_uncertainty(setup, identified), design.blocks.linearised()
+    changed = changed_specimen_error(setup, identified, blocks, judged.known, prediction, factor)
+    return float(np.max(np.hypot(prediction.total.storeys, changed) / judged.sim_rms_m_s2))
+
+
+NO_BUILDING = CriticalDelay(math.inf, math.nan, 0.0)
+
+
+def judge_table_test(
+    setup: Setup, identified: Identification, design: Design, shared: SharedValues | None = None
+) -> Preflight:
+    """Return the check of a case's shake-table test with the designed blocks, over all samples of the model."""
+    shared = shared or SharedValues()
+    nominal, *samples = (_judge_one(setup, one, design, shared) for one in (identified, *identified.samples))
+    return preflight.over_samples(nominal, samples) if samples else nominal
+
+
+def _judge_one(setup: Setup, identified: Identification, design: Design, shared: SharedValues) -> Preflight:
+    setup, blocks = setup.calibrated(identified), design.blocks
+    found = loop_stability(setup, identified, blocks, shared, alone=True)
+    known = _known(setup, identified, blocks, found)
+    nominal = Prediction({}, NO_ERRORS, np.zeros(0), hybrid(known.loop, known.ground, np.zeros_like(known.floors)))
+    masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
+    rows = preflight.reach(known, nominal, setup.rig, masses, preflight.strays(known, found))
+    further = _table_test_faults_at_ends(setup, identified, blocks, shared)
+    feedback, least_s = setup.case.controller.kind == "FF+FB", required_delay_s(setup, identified, blocks)
+    return preflight.judge(NO_BUILDING, found, rows, setup.case.scaling, None, further, feedback, least_s, alone=True)
+
+
+NO_ERRORS = Errors(np.zeros(0), 0.0)
+
+
+def _table_test_faults_at_ends(
+    setup: Setup, identified: Identification, blocks: Blocks, shared: SharedValues
+) -> tuple[Fault, ...]:
+    """Return why the loop is not safe at an end of the specimen's stiffness; the loop does not contain the specimen
+    unless the feedforward counters its reaction."""
+    if not blocks.counters_reaction:
+        return ()
+    specimen, found = _specimen(identified), []
+    for factor in stated_ends(setup.case, True) or REACTION_RANGE:
+        if factor != 1.0:
+            there = with_specimen(as_identified(setup, specimen), factor).specimen
+            for fault in loop_faults(setup, identified, blocks, shared, there, alone=True):
+                text = f"with the specimen at {100.0 * factor:.3g} % of its stiffness: {fault.text}"
+                found.append(replace(fault, cause=f"specimen {fault.cause}", text=text))
+    return tuple(found)
+
+
+def _specimen(identified: Identification) -> Specimen:
+    assert identified.specimen is not None  # every case has experimental storeys
+    return identified.specimen.specimen
+
+
+def _known(setup: Setup, identified: Identification, blocks: Blocks, found: Stability) -> PredictionInputs:
+    """Return what the peaks of the shake-table test follow from."""
+    dt, motion, specimen = setup.rig.dt_s, setup.motion, _specimen(identified)
+    rig, _ = loop_parts(setup, identified)
+    linear, storey = table_alone(blocks)
+    ring = RINGS * dt / -math.log(found.radius) if found.radius < 1.0 else LONGEST_S
+    lines = lines_for(len(motion.time_s), dt, min(ring, LONGEST_S), lowest_reliable_hz(setup), setup.case.test_band_hz)
+    ground = lines.of_motion(motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m)
+    floors = np.vstack([np.ones(lines.count), specimen_state_space(specimen).response(lines.frequency_hz)[:, 0]])
+    return PredictionInputs(
+        loop=loop_response(rig, linear, storey, lines.z),
+        lines=lines,
+        model=identified.best,
+        measured=identified.frfs[0],
+        friction=identified.friction,
+        floors=floors,
+        ground=ground,
+        sim=floors * ground[0],
+        velocity_m_s=motion.velocity_m_s,
+        noise_m_s2=noise_before_correction(identified, linear.correction, setup),
+        rig=setup.rig,
+        correction=linear.correction,
+        shaped=linear.shaping_step_v > 0.0,
+        excess=rig.excess,
+        compared=setup.compared,
+        specimen=specimen,
+        peaks_m_s2=_peaks(setup, specimen, lines.padded),
+        zero_m_s2=shown_zeros(identified, setup),
+        slow_roots=slow_roots(closed_loop_matrix(rig, linear), dt, lines.padded * dt),
+    )
+
+
+def _peaks(setup: Setup, specimen: Specimen, padded: int) -> Array:
+    """Return the peaks (c,) in m/s^2 of table and floors on a table that follows the ground exactly, at all
+    frequencies."""
+    accel, dt = setup.motion.accel_m_s2, setup.rig.dt_s
+    response = specimen_state_space(specimen).response(np.arange(padded // 2 + 1) / (padded * dt))[:, 0]
+    floors = irfft(response * rfft(accel, padded), padded)[:, : len(accel)]
+    return np.abs(np.vstack([accel, floors])).max(axis=1)
+
 
 MOVED_BY_BASELINE = (DISPLACEMENT, "velocity", "command")  # reaches that an offset or a drift of the record makes
 
@@ -145,8 +559,8 @@ class Checked:
 
 
 def verdict_on(
-    setup: Setup, known: Known, hybrid: bool = True, design: Design | None = None, shared: SharedValues | None = None,
-    table_test: bool = True,
+    setup: Setup, known: IdentifiedModel, hybrid: bool = True, design: Design | None = None,
+    shared: SharedValues | None = None, table_test: bool = True,
 ) -> Verdict:  # fmt: skip
     """Return the verdict on a case's table runs, from the identification `known` of its rig and specimen.
 
@@ -170,7 +584,7 @@ def verdict_on(
     return replace(found, reasons=(*unit_doubts(setup), *found.reasons)) if found.reasons else found
 
 
-def _with_plans(setup: Setup, known: Known, found: Verdict) -> Verdict:
+def _with_plans(setup: Setup, known: IdentifiedModel, found: Verdict) -> Verdict:
     """Return a verdict with what each run of the case needs of the table, and with the limits of its guard."""
     if found.design is None:
         return found
@@ -188,7 +602,7 @@ def _with_plans(setup: Setup, known: Known, found: Verdict) -> Verdict:
     return replace(found, planned=planned, figures=figures, of_guard=tuple(said))
 
 
-def _plan(setup: Setup, known: Known, design: Design, kind: RunKind) -> PlannedMotion | None:
+def _plan(setup: Setup, known: IdentifiedModel, design: Design, kind: RunKind) -> PlannedMotion | None:
     try:
         drive = drive_of(setup, design)
         return interruptible(lambda: planned_motion(setup, known.found, design, drive, kind.source))
@@ -196,7 +610,9 @@ def _plan(setup: Setup, known: Known, design: Design, kind: RunKind) -> PlannedM
         return None
 
 
-def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, shared: SharedValues | None) -> Verdict:
+def _judged(
+    setup: Setup, known: IdentifiedModel, hybrid: bool, design: Design | None, shared: SharedValues | None
+) -> Verdict:
     """Return the verdict without doubts on units."""
     faults, shared = known.faults(setup.overrides), shared or SharedValues()
     try:
@@ -338,10 +754,9 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     )  # fmt: skip
 
 
-def excitations(setup: Setup, known: Known) -> list[tuple[str, tuple[str, ...]]]:
+def excitations(setup: Setup, known: IdentifiedModel) -> list[tuple[str, tuple[str, ...]]]:
     """Return label and faults of the excitations that are played before the table runs of a case; () if it is safe."""
-    from rths_cli.experiment.excitation_check import excitation_faults
-    from rths_cli.experiment.excitation_plan import excitation_settings, plan
+    from rths_cli.experiment.excitation_plan import excitation_faults, excitation_settings, plan
     from rths_cli.identification.low_level_probe import probe_plan
 
     settings = excitation_settings(setup.case.identification)

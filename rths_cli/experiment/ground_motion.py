@@ -1,16 +1,16 @@
-"""The ground motion of a run: record scaled, interpolated, high-pass filtered, integrated; its response spectrum."""
+"""The ground motion of a run: record scaled, interpolated, high-pass filtered, integrated; its baseline and
+response spectrum."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import Accelerogram
-from rths_cli.numerics.driven_modes import driven_modes
-from rths_cli.numerics.lti import Array
+from rths_cli.numerics.lti import Array, driven_modes
 from rths_cli.structure import Similitude
 
 CORNER_HZ = 0.25  # of the usual high pass of a record
@@ -163,3 +163,204 @@ def _exponential_integrals(x: complex) -> tuple[complex, complex]:
     for k in range(3, 20):
         second, term = second + term, term * x / k
     return 1.0 + x * second, second
+
+
+FIRST_SHARE = 0.02  # largest first sample of a filtered motion that starts at rest, over its peak
+BLOCKS = 8  # of a record: a baseline shows in the mean of each, a pulse in few
+POINTS = 256  # of a velocity in which a step is looked for
+EXPLAINED, EXPLAINED_BY_STEP = 0.65, 0.9  # share of the squared block means that is a baseline and no motion
+SIMPLER = 2.0  # times the residue of a richer baseline that a simpler one may leave and be preferred
+WORTH_SAYING = 0.1  # added displacement, over that of the motion without the baseline
+NO_MOTION = 1e-9  # of the peak before a baseline was removed
+KINDS = {"mean": "constant", "linear": "linear"}  # as scipy.signal.detrend names them
+
+Displacement = Callable[[Array], Array]
+"""Ground displacement in m of an acceleration (n,) in m/s^2 at the record's interval, scaled and filtered."""
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """An offset, drift or step that a record's acceleration contains and the high pass turns into displacement."""
+
+    first_m_s2: float  # first sample of the record
+    mean_m_s2: float
+    drift_m_s2: float  # what the straight line through the record changes by from its start to its end
+    duration_s: float
+    step_m_s2: float  # of the baseline, at `step_s`; 0 without a step
+    step_s: float
+    added_m: float  # peak of the ground displacement that the baseline makes
+    own_m: float  # peak of the ground displacement without it
+    mended_by: str  # "mean", "linear", or "" where removing neither mends it
+
+
+def without_baseline(accelerogram: Accelerogram, remove: str | None) -> Accelerogram:
+    """Return a record less its mean (`mean`) or its least-squares line (`linear`); any other value changes nothing.
+
+    Raises InputError for a record of which nothing remains.
+    """
+    from scipy.signal import detrend
+
+    if remove not in KINDS:
+        return accelerogram
+    accel = np.asarray(detrend(accelerogram.accel_m_s2, type=KINDS[remove]))
+    if np.abs(accel).max() <= NO_MOTION * np.abs(accelerogram.accel_m_s2).max():
+        raise InputError(f"record.baseline: {remove} leaves no motion of this record; remove the key, or name another")
+    return replace(accelerogram, accel_m_s2=accel)
+
+
+def straight_line(accelerogram: Accelerogram) -> tuple[float, float]:
+    """Return mean and drift of a record in m/s^2: what its least-squares line changes by over its length."""
+    accel = accelerogram.accel_m_s2
+    place = np.arange(accel.size) / (accel.size - 1) - 0.5
+    return float(accel.mean()), float(place @ accel / (place @ place))
+
+
+def baseline_of(accelerogram: Accelerogram, displacement: Displacement) -> Baseline | None:
+    """Return a record's baseline if it adds more than a tenth to the ground displacement, None for a clean record.
+
+    A baseline is a constant, a straight line or one step that explains two thirds of the squared means of eighths
+    of the record (a step nine tenths), which a motion that ends at rest, or a pulse, does not leave.
+    """
+    from scipy.signal import detrend
+
+    accel = accelerogram.accel_m_s2
+    found = _shape(accel)
+    if found is None:
+        return None
+    split, richest = found
+    clean = displacement(richest)
+    whole = displacement(accel)
+    own_m = _peak(clean)
+    if _peak(whole - clean) <= WORTH_SAYING * own_m:
+        return None
+    mended_by, after = "", clean
+    for remove, kind in KINDS.items():
+        tried = displacement(np.asarray(detrend(accel, type=kind)))
+        if _peak(tried - clean) <= max(WORTH_SAYING * own_m, WORTH_SAYING * _peak(whole - clean)):
+            mended_by, after = remove, tried
+            break
+    mean, drift = straight_line(accelerogram)
+    step = float(accel[split:].mean() - accel[:split].mean()) if split and not mended_by else 0.0
+    return Baseline(
+        first_m_s2=float(accel[0]),
+        mean_m_s2=mean,
+        drift_m_s2=drift,
+        duration_s=accelerogram.dt_s * (accel.size - 1),
+        step_m_s2=step,
+        step_s=split * accelerogram.dt_s if step else 0.0,
+        added_m=_peak(whole - after),
+        own_m=_peak(after),
+        mended_by=mended_by,
+    )
+
+
+def _shape(accel: Array) -> tuple[int, Array] | None:
+    """Return the sample at which the baseline of a record (n,) steps (0: nowhere) and the record without its baseline;
+    None for a record without one."""
+    from scipy.signal import detrend
+
+    if accel.size < 4 * BLOCKS:
+        return None
+    power = _in_blocks(accel)
+    split, steps = _best_step(accel)
+    if steps and _is_step(accel, split):
+        levelled = np.concatenate([part - part.mean() for part in (accel[:split], accel[split:])])
+        if _in_blocks(levelled) <= (1.0 - EXPLAINED_BY_STEP) * power:
+            return split, levelled
+    level, line = (np.asarray(detrend(accel, type=kind)) for kind in KINDS.values())
+    drifts = SIMPLER * _in_blocks(line) < _in_blocks(level)
+    found = line if drifts else level
+    return None if _in_blocks(found) > (1.0 - EXPLAINED) * power else (0, found)
+
+
+def _in_blocks(accel: Array) -> float:
+    """Return the sum of the squared means of the blocks of a record (n,)."""
+    means = np.array([part.mean() for part in np.array_split(accel, BLOCKS)])
+    return float(means @ means)
+
+
+def _best_step(accel: Array) -> tuple[int, bool]:
+    """Return the sample, within the middle three quarters of a record (n,), at which one step explains the velocity
+    best, and whether it does so better than a drift."""
+    places = np.unique(np.linspace(0, accel.size - 1, POINTS).astype(int))
+    velocity, t = np.cumsum(accel)[places], places / accel.size
+    ends = np.linspace(1.0 / BLOCKS, 1.0 - 1.0 / BLOCKS, POINTS)
+    left = [_residue(velocity, t, np.maximum(t - end, 0.0)) for end in ends]
+    best = int(np.argmin(left))
+    return round(float(ends[best]) * accel.size), SIMPLER * left[best] < _residue(velocity, t, t * t)
+
+
+def _residue(velocity: Array, t: Array, shape: Array) -> float:
+    """Return what the best sum of constant, ramp and a further shape leaves of a velocity (p,), squared and summed."""
+    basis = np.stack([np.ones_like(t), t, shape], axis=1)
+    rest = velocity - basis @ np.linalg.lstsq(basis, velocity, rcond=None)[0]
+    return float(rest @ rest)
+
+
+def _is_step(accel: Array, split: int) -> bool:
+    """Return whether the medians on both sides differ as the means do, which a pulse at one end does not do."""
+    step = accel[split:].mean() - accel[:split].mean()
+    between = np.median(accel[split:]) - np.median(accel[:split])
+    return bool(abs(between - step) <= 0.5 * abs(step))
+
+
+def _peak(series: Array) -> float:
+    return float(np.abs(series).max())
+
+
+def sentence(baseline: Baseline, name: str, corner_hz: float, file: str) -> str:
+    """Return what a baseline is, what it does, and the key that mends it; `file` as the case names the record."""
+    b = baseline
+    what = {"mean": "an offset", "linear": "a baseline that drifts"}.get(b.mended_by, "a baseline that is no line")
+    if b.step_m_s2:
+        what = f"a baseline that steps by {b.step_m_s2:.3g} m/s^2 at {b.step_s:.4g} s"
+    first, mean, drift = (rounded(value) for value in (b.first_m_s2, b.mean_m_s2, b.drift_m_s2))
+    size = f"first sample {first:g} m/s^2, mean {mean:g}, drift {drift:g} over {b.duration_s:.4g} s"
+    makes = f"the high pass of {corner_hz:g} Hz turns" if corner_hz else "without a high pass integration turns"
+    effect = f"it into {1e3 * b.added_m:.3g} mm of ground displacement, beside {1e3 * b.own_m:.3g} mm of its motion"
+    advice = f"state record: {{file: {file}, baseline: {b.mended_by}}} to remove it, baseline: none to keep it"
+    if not b.mended_by:
+        advice = (
+            "no straight line mends that: correct the file piece by piece, or state record.baseline: none to keep it"
+        )
+    return f"record: {name} has {what} ({size}); {makes} {effect}; {advice}"
+
+
+def rounded(accel_m_s2: float) -> float:
+    """Return an acceleration in m/s^2 to four decimals, zero without a sign."""
+    return round(accel_m_s2, 4) + 0.0
+
+
+def start_fault(motion: GroundMotion, accelerogram: Accelerogram, baseline: Baseline | None, said: str) -> str:
+    """Return a sentence on a motion that does not begin at rest, "" for one that does.
+
+    `accelerogram` is the record without what was removed; `said` is the sentence on its `baseline`.
+    """
+    accel, peak = accelerogram.accel_m_s2, _peak(motion.accel_m_s2)
+    filtered = abs(float(motion.accel_m_s2[0])) / peak
+    first = int(np.flatnonzero(accel)[0])  # zeros before an offset are no rest: the motion steps at their end
+    jump = abs(float(accel[first])) / _peak(accel) if baseline is not None and baseline.mended_by and first else 0.0
+    share = max(filtered, jump)
+    if share <= FIRST_SHARE:
+        return ""
+    at_s = first * accelerogram.dt_s
+    told = (
+        f"the motion begins with a step of {100.0 * share:.3g} % of its peak at t = {at_s:g} s, at most "
+        f"{100.0 * FIRST_SHARE:g} % is allowed: the table would be kicked"
+    )
+    keep = "or state record.baseline: none to run it so"
+    if baseline is not None and said:
+        count = f"{first} zeros" if first > 1 else "zero"
+        zeros = f"; first remove the {count} before it from the file" if first else ""
+        return f"{said}; {told}{zeros}"
+    following = accel[first + 1 : first + 3]
+    expected = 2.0 * following[0] - following[1] if following.size == 2 else 0.0
+    if abs(accel[first] - expected) > 0.5 * abs(accel[first]):
+        return (
+            f"record: {told}; sample {first + 1} of the record reads {accel[first]:.3g} m/s^2 and the next one "
+            f"{following[0]:.3g}: correct the first samples in the file, {keep}"
+        )
+    return (
+        f"record: {told}; the record begins at {accel[first]:.3g} m/s^2, within a motion: give it from its beginning, "
+        f"or with a taper, {keep}"
+    )

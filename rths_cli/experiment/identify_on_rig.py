@@ -1,4 +1,4 @@
-"""Identify on a case's rig, virtual or real: probe, excitation, free vibration; progress is reported here."""
+"""Identify on a case's rig, virtual or real: probe, excitation, free vibration, reconstruction of lost samples."""
 
 from __future__ import annotations
 
@@ -16,10 +16,17 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import no_force
 from rths_cli.control.state_space import static
 from rths_cli.errors import InputError, LimitError, RigError
-from rths_cli.experiment.excitation_check import excitation_faults
-from rths_cli.experiment.excitation_plan import excitation_settings, plan
-from rths_cli.experiment.lost_sample_counts import losses_of
-from rths_cli.experiment.rig_access import IDENTIFICATION, PROBE, VERIFICATION, guard_limits, open_rig
+from rths_cli.experiment.excitation_plan import excitation_faults, excitation_settings, plan
+from rths_cli.experiment.lost_samples import losses_of
+from rths_cli.experiment.real_rig_readiness import (
+    IDENTIFICATION,
+    PROBE,
+    VERIFICATION,
+    guard_limits,
+    open_rig,
+    opened,
+    ready_on_rig,
+)
 from rths_cli.experiment.setup import Progress, Setup
 from rths_cli.identification import excitation, low_level_probe
 from rths_cli.identification.channel_signals import UnfitRecord
@@ -28,17 +35,27 @@ from rths_cli.identification.identify import LEAST_LEVELS, IdentificationSetting
 from rths_cli.identification.identify import identify as evaluate
 from rths_cli.identification.inputs import BAND_HZ, PAPER_BAND_HZ, level_ratio
 from rths_cli.identification.low_level_probe import Level
-from rths_cli.identification.record_parts import Record
+from rths_cli.identification.record_parts import Record, filled
 from rths_cli.identification.results import Identification
 from rths_cli.interrupts import interruptible
-from rths_cli.loop.guard import LOST, OPERATOR, OVERRUN, RIG_FAULT
+from rths_cli.loop.block_replay import run_block
+from rths_cli.loop.guard import INTERRUPT, LOST, OPERATOR, OVERRUN, RIG_FAULT, TERMINATION
+from rths_cli.loop.lost_samples import NO_ANSWER, without_samples
+from rths_cli.loop.realtime_run import perform_watched
 from rths_cli.loop.simulated_time_run import Outcome, play
 from rths_cli.loop.step_arrays import EXCITATION
 from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Array, Model
+from rths_cli.rigs.interface import name_session
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from rths_cli.case.case_schema import IdentificationSpec
+    from rths_cli.loop.realtime_loop import Course
+    from rths_cli.loop.realtime_run import Performance, Watch
+    from rths_cli.loop.run_log import Signals
+    from rths_cli.numerics.lti import Block
 
 MOST_PLAYED = 3  # times that an excitation is played if samples are lost; what was measured before it is kept
 MOST_ATTEMPTS = 3  # excitations of a table that is overdriven, each at half the level of the one before
@@ -297,8 +314,6 @@ def excite(
 def play_excitation(setup: Setup, drive: Array, stream: tuple[int, ...], progress: Progress) -> Outcome:
     """Play an excitation (n, 3) on the rig, a real one in real time."""
     if not setup.rig.can.counts_steps:
-        from rths_cli.experiment.excitation_on_real_rig import excited
-
         return excited(setup, listening_blocks(setup), drive, progress, SESSIONS.get(stream[0], "identification"))
     rig = open_rig(setup, stream, setup.case.identification.seed)
     blocks, limits = listening_blocks(setup), guard_limits(setup)
@@ -319,3 +334,65 @@ def listening_blocks(setup: Setup) -> Blocks:
         latency_samples=setup.rig.latency_samples,
         further=sensor_correction.further_correction(setup.rig.further, dt, setup.removes_sensors),
     )
+
+
+SETTLED_S = 0.03  # time after which a late command no longer affects the table
+
+
+def excited(
+    setup: Setup, blocks: Blocks, drive: Array, progress: Progress = lambda _: None, session: str = "identification"
+) -> Outcome:
+    """Play an excitation (n, 3) on the case's real rig and return its outcome, with lost samples reconstructed.
+
+    `progress` hears of every second of it, for instance "25 of 80 s". `session` names it to a rig that wants to know.
+
+    Raises KeyboardInterrupt after an interrupt, when the table is at rest; InputError or RigError as `ready_on_rig`;
+    RigError if too many samples were lost.
+    """
+    rig, run = ready_on_rig(setup, blocks, EXCITATION, drive)
+    name_session(rig, session)
+    with opened(rig):
+        outcome = perform_watched(rig, run, _seconds(progress)).outcome
+    if outcome.reason in (INTERRUPT, TERMINATION):
+        raise KeyboardInterrupt  # the command line remembers which signal it was
+    if outcome.rig_fault or outcome.stopped_by_limit:
+        return outcome
+    return replace(outcome, log=mended(outcome.log, run.course, blocks.correction))
+
+
+def _seconds(progress: Progress) -> Watch:
+    """Return a watcher that tells the seconds played, each once."""
+    told = [-1]
+
+    def watch(run: Performance) -> None:
+        done = run.log.done[0] - run.course.ramp
+        played = int(min(max(done, 0), run.course.record) * run.info.dt_s)
+        if done > 0 and played > told[0]:
+            told[0] = played
+            progress(f"{played} of {run.course.record * run.info.dt_s:.0f} s")
+
+    return watch
+
+
+def mended(log: Signals, course: Course, correction: Block) -> Signals:
+    """Return signals in which lost samples are reconstructed and the sensor correction is repeated.
+
+    The correction that ran in the loop used substituted samples, which affect its output for a long time. Raises
+    RigError if too many samples were lost.
+    """
+    no_answer, dt_s = log.lost == NO_ANSWER, 1e-9 * course.dt_ns
+    late_there = no_answer & np.roll(no_answer, 1)  # a target that stalls does not follow the commands
+    missing = without_samples(log.lost) | followed(late_there, round(SETTLED_S / dt_s))
+    if not missing.any():
+        return log
+    signs, zeros_v = course.signs[: len(log.samples_v), None], course.zeros_v[: len(log.samples_v), None]
+    shown = signs * (log.samples_v - zeros_v)
+    try:
+        return replace(log, corrected=run_block(correction, filled(log.command_v, shown, missing, dt_s)))
+    except InputError as fault:
+        raise RigError(str(fault)) from fault
+
+
+def followed(places: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
+    """Return flags (n,) that are true at `places` (n,) and at the `by` samples after each of them."""
+    return np.asarray(np.convolve(places, np.ones(1 + by))[: places.size] > 0.5)

@@ -16,7 +16,7 @@ from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Model
 
 if TYPE_CHECKING:
-    from rths_cli.files.imported_models import ForeignModel
+    from rths_cli.files.foreign_models import ForeignModel
     from rths_cli.identification.excitation import Excitation
     from rths_cli.identification.results import SessionChange
 
@@ -24,7 +24,7 @@ NOW, AT_REST = "identified in this run", "identified just now (simulated, no har
 
 
 @dataclass(frozen=True)
-class Known:
+class IdentifiedModel:
     """An identification and its source."""
 
     found: Identification
@@ -47,11 +47,11 @@ class Memory:
     `key` of their setup. Threads identify one after another.
     """
 
-    def __init__(self, cache: Cache | None = None, known: Mapping[str, Known] | None = None) -> None:
+    def __init__(self, cache: Cache | None = None, known: Mapping[str, IdentifiedModel] | None = None) -> None:
         self._cache = cache
         self._plans: dict[str, Excitation] = {}
         self._files: dict[str, Stored | ForeignModel] = {}
-        self._known: dict[str, Known] = dict(known or {})
+        self._known: dict[str, IdentifiedModel] = dict(known or {})
         self._sessions: dict[str, SessionChange | str] = {}
         self._lock = RLock()
 
@@ -69,7 +69,7 @@ class Memory:
         if path is not None or not self._kept(setup):
             self.plan(setup)
         if path is not None and key(setup) not in self._files:
-            from rths_cli.files.imported_models import is_foreign, read_foreign
+            from rths_cli.files.foreign_models import is_foreign, read_foreign
 
             self._files[key(setup)] = read_foreign(path) if is_foreign(path) else load(path, setup)
 
@@ -89,12 +89,12 @@ class Memory:
         """Return the identification of the setup's rig and specimen, as it was found."""
         return with_samples(setup, self._nominal(setup, progress)).found
 
-    def known(self, setup: Setup, progress: Progress) -> Known:
+    def known(self, setup: Setup, progress: Progress) -> IdentifiedModel:
         """Return the identification of the setup's rig and specimen as it stands in the session of the case's table
         runs, with its source and whether it is still valid."""
         return with_samples(setup, self._in_session(setup, self._nominal(setup, progress), progress))
 
-    def _in_session(self, setup: Setup, known: Known, progress: Progress) -> Known:
+    def _in_session(self, setup: Setup, known: IdentifiedModel, progress: Progress) -> IdentifiedModel:
         """Return an identification with what its record at low level shows in the session of the case's table runs.
 
         The record that verified a model file is that of the session.
@@ -118,7 +118,7 @@ class Memory:
         found, changes = with_session(setup, known.found, self._sessions[name])
         return replace(known, found=noted(found, changes))
 
-    def _nominal(self, setup: Setup, progress: Progress) -> Known:
+    def _nominal(self, setup: Setup, progress: Progress) -> IdentifiedModel:
         """Return the identification of the setup's rig and specimen without the caller's samples."""
         name = key(setup)
         with self._lock:
@@ -128,7 +128,7 @@ class Memory:
                 self._known[name] = self._from_file(setup, file, progress) if file else self._now(setup, progress)
             return self._known[name]
 
-    def at_rest(self, setup: Setup, progress: Progress) -> Known:
+    def at_rest(self, setup: Setup, progress: Progress) -> IdentifiedModel:
         """Return the identification without moving a real table.
 
         A model file made by rths is used as it is, without the record that verifies it. A virtual rig is identified if
@@ -137,13 +137,13 @@ class Memory:
         self.prepare(setup)
         file = self._files.get(key(setup))
         if isinstance(file, Stored):
-            known = Known(file.found, f"{_named(file)}; a run verifies it by a short record first")
+            known = IdentifiedModel(file.found, f"{_named(file)}; a run verifies it by a short record first")
         else:
             known = self._in_session(setup, self._nominal(setup, progress), progress)
             known = replace(known, source=AT_REST) if known.source == NOW else known
         return with_samples(setup, known)
 
-    def _from_file(self, setup: Setup, file: Stored | ForeignModel, progress: Progress) -> Known:
+    def _from_file(self, setup: Setup, file: Stored | ForeignModel, progress: Progress) -> IdentifiedModel:
         """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
         from rths_cli.experiment.identify_on_rig import evaluated, measure, noted
         from rths_cli.experiment.model_verification import compared, low_level_record, read_with
@@ -153,7 +153,7 @@ class Memory:
             measured = measure(setup, progress, self.plan(setup))
             found = evaluated(setup, measured, as_model(file, setup))
             where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
-            return Known(noted(found, notes_on(file)), where)
+            return IdentifiedModel(noted(found, notes_on(file)), where)
         record, there, refused = low_level_record(setup, file.found, progress), file.found, tuple[str, ...]()
         if wants_session_record(setup):
             change = self._sessions[session_key(setup)] = change_shown(setup, file.found, record)
@@ -164,20 +164,20 @@ class Memory:
         changes = (*changes, *refused)
         where = _named(file)
         reasons = (f"{where}: {'; '.join(changes)}",) if changes else ()
-        return Known(noted(file.found, reasons or (f"{where}; {sentence}",)), where, reasons)
+        return IdentifiedModel(noted(file.found, reasons or (f"{where}; {sentence}",)), where, reasons)
 
-    def _now(self, setup: Setup, progress: Progress) -> Known:
+    def _now(self, setup: Setup, progress: Progress) -> IdentifiedModel:
         """Return the model from the cache, or identify the rig now."""
         stored = self._cache.find(setup) if self._cache and not setup.rig.can.moves_hardware else None
         if stored is not None:
-            return Known(stored.found, f"cache, identified {stored.age}")
+            return IdentifiedModel(stored.found, f"cache, identified {stored.age}")
         from rths_cli.experiment.identify_on_rig import evaluated, measure
 
         measured = measure(setup, progress, self.plan(setup))
         found = evaluated(setup, measured)
         if self._cache and not setup.rig.can.moves_hardware:
             self._cache.keep(setup, found, measured.sha256)
-        return Known(found, NOW)
+        return IdentifiedModel(found, NOW)
 
 
 def _made(given: object) -> tuple[Identification, ...]:
@@ -187,7 +187,7 @@ def _made(given: object) -> tuple[Identification, ...]:
     return tuple(given)
 
 
-def with_samples(setup: Setup, known: Known) -> Known:
+def with_samples(setup: Setup, known: IdentifiedModel) -> IdentifiedModel:
     """Return an identification with the samples that the caller gives; the source tells how many.
 
     Raises InputError for a file that is no accepted model of this rig and specimen, and for what is no sample.
@@ -229,7 +229,7 @@ def _named(file: Stored) -> str:
 
 def _check_real(setup: Setup, path: Path | None) -> None:
     """Raise InputError unless a case on a real rig names a model file made by rths; a run never excites such a rig."""
-    from rths_cli.files.imported_models import is_foreign
+    from rths_cli.files.foreign_models import is_foreign
 
     advice = f"rths identify {shown(setup.case.path)}"
     if path is None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from rths_cli.control.sensor_correction import recorrected
 from rths_cli.experiment.identify_on_rig import probed
-from rths_cli.experiment.rig_access import VERIFICATION
+from rths_cli.experiment.real_rig_readiness import VERIFICATION
 from rths_cli.experiment.setup import Progress, Setup
 from rths_cli.identification import channel_signals, verdict
 from rths_cli.identification.frequency_response import over_model

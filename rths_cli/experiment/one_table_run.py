@@ -9,19 +9,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.experiment import error_budget_metrics, lost_sample_counts, run_metrics, sensor_drift_report
-from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
+from rths_cli.experiment import lost_samples, run_metrics, run_signals
 from rths_cli.experiment.planned_motion import PlannedMotion, effective_limits, foreseen_causes
-from rths_cli.experiment.rig_access import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
+from rths_cli.experiment.real_rig_readiness import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
+from rths_cli.experiment.run_metrics import lowest_reliable_hz
 from rths_cli.experiment.run_signals import (
     BuildingMotion,
+    Expected,
     OwnInterface,
+    SensorDrift,
     Series,
+    drift_of,
+    expected_of,
     on_record_clock,
     whole_building,
     without_drift,
 )
-from rths_cli.experiment.sensor_drift_report import Expected, SensorDrift, drift_of, expected_of
 from rths_cli.loop import guard
 from rths_cli.loop.guard import stopping_at_stuck
 from rths_cli.loop.realtime_run import way_to_rest_s
@@ -191,7 +194,7 @@ def run_of(
     drift = drift_of(setup, expected, outcome) if expected is not None else None
     warnings: tuple[str, ...] = ()
     if drift is not None and drift.any and expected is not None:
-        warnings = tuple(sensor_drift_report.sentences(kind.label, drift, setup, lead_samples))
+        warnings = tuple(run_signals.sentences(kind.label, drift, setup, lead_samples))
         series = without_drift(series, drift.removed, lead_samples, expected.estimator)
     every_storey_is_measured = len(setup.building.numerical.masses_kg) == 1
     building = None
@@ -217,15 +220,15 @@ def evaluated(
     played with; None: the building has no laws.
     """
     values: dict[str, ArrayLike] = {}
-    if found := lost_sample_counts.of_live(run.series.live, setup.rig.dt_s):
-        values |= lost_sample_counts.as_figures(run.kind.name, found)
+    if found := lost_samples.of_live(run.series.live, setup.rig.dt_s):
+        values |= lost_samples.lost_sample_metrics(run.kind.name, found)
     if run.stopped is not None:
         return replace(run, metrics=values)
     values |= metrics_of_record(run, setup, sim)
     causes: tuple[Cause, ...] = ()
     if run.abs_accel_m_s2 is not None:
         test = replay() if replay is not None else None
-        budget, causes = error_budget_metrics.of_exp_rths(loop, run.series, run.abs_accel_m_s2, sim, test)
+        budget, causes = run_metrics.of_exp_rths(loop, run.series, run.abs_accel_m_s2, sim, test)
         values |= budget
     return replace(
         run, metrics=values, causes=causes, remarks=run_metrics.remarks(setup, run.kind.name, run.series.desired[0])
@@ -236,7 +239,7 @@ def metrics_of_record(run: Run, setup: Setup, sim: Response) -> Values:
     """Return the metrics of a run that reached the end of its record, without those of its timing."""
     values: dict[str, ArrayLike] = {}
     if run.drift is not None:
-        values |= sensor_drift_report.as_figures(run.kind.name, run.drift, setup, run.lead_samples)
+        values |= run_signals.as_figures(run.kind.name, run.drift, setup, run.lead_samples)
     values |= errors_of(run, setup, sim)
     if run.abs_accel_m_s2 is not None:
         lowest_hz = lowest_reliable_hz(setup)

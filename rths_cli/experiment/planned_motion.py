@@ -20,8 +20,8 @@ from rths_cli.analysis.references import reference_of
 from rths_cli.control.interface import COMMANDED
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.state_space import discretise
-from rths_cli.experiment.loop_stability_of_case import loop_parts
-from rths_cli.experiment.rig_access import guard_limits
+from rths_cli.experiment.design import loop_parts
+from rths_cli.experiment.real_rig_readiness import guard_limits
 from rths_cli.loop import guard
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.diagnosis import OF_COMMAND, OF_TABLE, Cause

@@ -1,8 +1,11 @@
-"""Checks before a real rig moves: rehearse the sample rate without the rig, measure the channels at rest."""
+"""Before a real rig moves: open it, its guard's limits, rehearse the sample rate, measure the channels at rest, ask
+a person."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,20 +13,105 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.resolve import VARIED
+from rths_cli.case.rig_schema import DEFAULT_ENERGY_RATIO
+from rths_cli.control.designed_blocks import cell_reads
 from rths_cli.errors import InputError
-from rths_cli.experiment.rig_access import guard_limits, open_rig
+from rths_cli.experiment.session import wants_session_record
+from rths_cli.experiment.setup import Setup, placed
+from rths_cli.experiment.unit_plausibility import doubts
 from rths_cli.files.machine_rates import LATE_SHARE, P99_SHARE, delay_summary, held_rate
 from rths_cli.files.rig_lock import locked_rig
 from rths_cli.loop.realtime_run import Performance, prepare, rehearse_watched
 from rths_cli.loop.scheduling import wake_share
+from rths_cli.quantities import Interval
+from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.from_case import driver, virtual_driver
 from rths_cli.rigs.interface import as_commands, counts_time, linked, name_session
 
 if TYPE_CHECKING:
     from rths_cli.control.designed_blocks import Blocks
-    from rths_cli.experiment.setup import Setup
+    from rths_cli.loop.guard import GuardLimits
     from rths_cli.numerics.lti import Array
-    from rths_cli.rigs.description import RigInfo
+    from rths_cli.quantities import Values
     from rths_cli.rigs.interface import Rig
+    from rths_cli.rigs.virtual.virtual_rig import VirtualRig
+
+# noise streams: dropping one run changes no other
+IDENTIFICATION, SHAKE_TABLE, EXP_RTHS, PROBE, VERIFICATION = 1, 2, 3, 4, 5
+BEFORE = (IDENTIFICATION, PROBE)
+AT_REST_SHARE = 0.02  # fraction of the velocity limit above the apparent velocity of a specimen at rest due to noise
+
+
+def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
+    """Return the case's rig without opening it: nothing is connected, nothing moves.
+
+    On a virtual rig `stream` and `seed` select the noise of one run, and whether the run comes before or after the
+    change that the rig file states under `after_identification`. Raises InputError or RigError if a plug-in cannot
+    create its rig.
+    """
+    named = (seed, *stream)
+    return driver(
+        setup.case, setup.declared_rig or setup.rig, setup.building, named, _changed(stream),
+        session_of(setup, stream, seed),
+    )  # fmt: skip
+
+
+def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
+    """Return the case's virtual rig with the noise stream of one run."""
+    return virtual_driver(
+        setup.case, setup.declared_rig or setup.rig, setup.building, (seed, *stream), _changed(stream),
+        session_of(setup, stream, seed),
+    )  # fmt: skip
+
+
+def session_of(setup: Setup, stream: tuple[int, ...], seed: int) -> tuple[int, ...]:
+    """Return what names the session of a run, within which a virtual laboratory's sensors do not drift: probe and
+    excitation of an identification are one, the record before a case's table runs and these runs are another, all
+    repetitions in a sweep included."""
+    if not _changed(stream):
+        return (seed, IDENTIFICATION)
+    return (setup.session if wants_session_record(setup) else seed, EXP_RTHS)
+
+
+def _changed(stream: tuple[int, ...]) -> bool:
+    """Return whether a run comes after the change that a rig file states under `after_identification`."""
+    return bool(stream) and stream[0] not in BEFORE
+
+
+def guard_limits(setup: Setup) -> GuardLimits:
+    """Return the guard's constants for the case's rig."""
+    from rths_cli.loop.guard import SATURATED_SHARE, STUCK_BITS, GuardLimits, further_limits
+
+    rig = setup.rig
+    bits = np.array([rig.converters.step_v / c.sensitivity_v_per_unit for c in rig.channels])
+    saturation = [min(c.range_v, rig.converters.range_v) for c in rig.channels]
+    mass = setup.building.interface_experimental_mass_kg
+    return GuardLimits(
+        stroke_m=rig.limits.stroke_m,
+        velocity_m_s=rig.limits.velocity_m_s,
+        acceleration_m_s2=rig.limits.acceleration_m_s2,
+        force_n=rig.limits.force_n,
+        command_v=rig.converters.range_v,
+        tracking_error=rig.limits.tracking_error_m_s2,
+        gain_m_per_v=rig.gain_m_per_v,
+        dt_s=rig.dt_s,
+        force_weights=np.concatenate([[rig.moving_mass_kg], setup.floor_masses_kg]),
+        saturation_v=SATURATED_SHARE * np.array(saturation),
+        stuck=np.where(bits > 0.0, STUCK_BITS * bits, math.inf),
+        abort=np.array([min(c.abort, rig.limits.acceleration_m_s2) for c in rig.channels]),
+        command_rate_v_s=rig.limits.command_rate_v_s,
+        energy_ratio=_energy_ratio(rig),
+        further=further_limits(rig, cell_reads(setup.floor_masses_kg, mass, 0.0)),
+        energy_floor_j=0.5 * rig.specimen_mass_kg * (AT_REST_SHARE * rig.limits.velocity_m_s) ** 2,
+    )
+
+
+def _energy_ratio(rig: RigInfo) -> float:
+    """Return the permitted ratio of added to exchanged energy; infinite on a virtual rig that states none."""
+    if math.isfinite(rig.limits.energy_ratio) or not rig.can.moves_hardware:
+        return rig.limits.energy_ratio
+    return DEFAULT_ENERGY_RATIO
+
 
 REHEARSAL_S = 2.0  # duration of the rehearsal
 LOOK_S = 0.2  # time between two live values
@@ -183,3 +271,100 @@ def _off_centre(where: str, stroke_m: float, place_m: float) -> list[str]:
     return [
         f"{where} shows the table at {place_m:.3g} m at rest, {share}; centre the table, or adjust the sensor's zero"
     ]
+
+
+PEAKS = {
+    "displacement_m": (1e3, "mm"), "velocity_m_s": (1.0, "m/s"), "acceleration_m_s2": (1.0, "m/s^2"),
+    "force_n": (1.0, "N"),
+}  # fmt: skip
+BEFORE_MOVING = (
+    "The emergency stop works without this computer, and somebody stands beside it.",
+    "Nobody is within reach of table and specimen; the specimen is bolted down and its guards are in place.",
+    "The table stands at mid-stroke and its own controller is switched on.",
+    "Every sensor is connected, in the order of the rig file.",
+)
+
+
+Predicted = Callable[["Setup"], "Values"]
+
+
+def _nothing_predicted(setup: Setup) -> Values:
+    """Return no metrics."""
+    return {}
+
+
+def ask_to_move(
+    setups: Sequence[Setup],
+    yes: bool,
+    confirm: Callable[[Sequence[str]], bool],
+    predicted: Predicted = _nothing_predicted,
+    played: tuple[str, ...] = ("",),
+) -> None:
+    """Ask a person to confirm that the real rigs of these cases may move; raises InputError if they may not.
+
+    Cases on virtual rigs need no confirmation. `confirm` shows the lines of the checklist and returns the answer.
+    `played`: beginnings of the keys that the motion follows from; doubts on others are of no concern.
+    `predicted` returns the metrics `check.*` of a case, {} without a check; the checklist states their peaks. `yes`
+    confirms without a question, but only for rigs whose own file states `unattended: true`. Nobody is asked where the
+    system has no real time, or where a number is doubted that the case does not call plausible: that one is refused.
+    """
+    real = [setup for setup in setups if setup.rig.can.moves_hardware]
+    if not real:
+        return
+    _refuse_doubts(real, played)
+    from rths_cli.numerics.clock import require_real_time
+
+    require_real_time()
+    attended = [setup.rig.name for setup in real if not setup.rig.unattended]
+    if yes:
+        if attended:
+            raise InputError(
+                f"--yes: rig {attended[0]} does not say `unattended: true` in a file of its own; "
+                "a person has to confirm here"
+            )
+        return
+    if sys.stdin is None or not sys.stdin.isatty():
+        raise InputError("nobody can be asked here; --yes moves rigs whose file says `unattended: true`")
+    motions = [f"{setup.case.name}: {_motion(setup)}{_peaks(predicted(setup))}" for setup in real]
+    rigs = dict.fromkeys(_about(setup.rig) for setup in real)
+    if not confirm(["This moves a table:", *motions, *rigs, *BEFORE_MOVING]):
+        raise InputError("not confirmed; nothing was moved")
+
+
+def _refuse_doubts(real: Sequence[Setup], played: tuple[str, ...]) -> None:
+    """Raise InputError with every number of cases on real rigs that is doubted, and what consents to it."""
+    found = [(setup, one) for setup in real for one in doubts(setup) if one.key.startswith(played)]
+    if found:
+        keys = ", ".join(dict.fromkeys(one.key for _, one in found))
+        raise InputError(
+            *dict.fromkeys(placed(setup.case, one.sentence) for setup, one in found),
+            f"rig {real[0].rig.name} is real and moves once these are corrected; where they are right, state "
+            f"plausible: [{keys}] in the case",
+        )
+
+
+def _motion(setup: Setup) -> str:
+    """Return the line on the record of a case: name, scaling, length and peak."""
+    time_s, accel = setup.motion.time_s, setup.motion.accel_m_s2
+    return (
+        f"record {setup.case.record.name} times {setup.case.scaling:g}, {time_s[-1]:.0f} s, "
+        f"ground {np.abs(accel).max():.3g} m/s^2"
+    )
+
+
+def _peaks(figures: Values) -> str:
+    """Return the peaks of the table's motion that a check predicts, the largest over samples; "" without a check."""
+    known = [(path, figures[f"check.peak_{path}"]) for path in PEAKS if f"check.peak_{path}" in figures]
+    known = [(path, peak.high if isinstance(peak, Interval) else peak) for path, peak in known]
+    told = ", ".join(f"{float(np.max(peak)) * PEAKS[path][0]:.3g} {PEAKS[path][1]}" for path, peak in known)
+    return f"; predicted peaks of the table {told}" if told else ""
+
+
+def _about(rig: RigInfo) -> str:
+    """Return the line on a rig: driver, sample rate and limits."""
+    limits, fastest = rig.limits, rig.limits.fastest_m_s(rig.gain_m_per_v)
+    return (
+        f"rig {rig.name} ({', '.join(filter(None, (rig.kind, rig.driver_verified)))}) at {1.0 / rig.dt_s:g} Hz, within "
+        f"{1e3 * limits.stroke_m:g} mm, {fastest:.4g} m/s, {limits.acceleration_m_s2:g} m/s^2, "
+        f"{limits.force_n:g} N"
+    )

@@ -1,36 +1,49 @@
-"""One case of `rths run` from start to end: model, check, SIM, SIM-DELAY, table runs, accept limits, its result
-file."""
+"""One case of `rths run` from start to end: model, check, SIM, SIM-DELAY, table runs in their order (played,
+skipped or refused), accept limits, result file."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from rths_cli.analysis import accept_limits
-from rths_cli.analysis.critical_delay import critical_delay_range
+from rths_cli.analysis import grade
+from rths_cli.analysis.closed_loop import critical_delay_range
 from rths_cli.analysis.references import reference_of
 from rths_cli.case.load import resolved_yaml
-from rths_cli.experiment import expected_errors, residual_drift, result_contents, run_metrics, true_reference
+from rths_cli.experiment import result_contents, run_metrics, true_reference
 from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.check_command import Verdict, verdict_on
+from rths_cli.experiment.error_after_run import AfterRun, error_after_run
 from rths_cli.experiment.identify_output import try_folder
-from rths_cli.experiment.lost_sample_sentence import losses_of_runs
-from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
-from rths_cli.experiment.model_choice import Known, Memory
-from rths_cli.experiment.one_table_run import TABLE_RUNS, Stop
+from rths_cli.experiment.lost_samples import losses_of_runs
+from rths_cli.experiment.model_choice import IdentifiedModel, Memory
+from rths_cli.experiment.one_table_run import (
+    HYBRID_TEST,
+    TABLE_RUNS,
+    Run,
+    RunKind,
+    RunPlan,
+    Stop,
+    evaluated,
+    plan_run,
+    play_run,
+    run_of,
+    true_accelerations,
+)
 from rths_cli.experiment.provenance import attributes
-from rths_cli.experiment.setup import OwnSamples, Progress, Setup, building_key, make_setups, motion_key
-from rths_cli.experiment.table_runs_of_case import Played, Stage, VirtualStage, play_all, refused, why_none
-from rths_cli.experiment.unit_plausibility import keys_in_doubt
-from rths_cli.files.result_reader import ResultWriter
+from rths_cli.experiment.real_rig_readiness import session_of
+from rths_cli.experiment.run_metrics import lowest_reliable_hz, told_causes
+from rths_cli.experiment.setup import OwnSamples, Progress, Setup, building_key, make_setups, motion_key, shown
+from rths_cli.experiment.unit_plausibility import doubts_building, keys_in_doubt, unit_doubts
+from rths_cli.files.result_reader import BEGUN, COMPLETE, ResultWriter
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.shared_values import SharedValues
-from rths_cli.rigs.from_case import laboratory_number
+from rths_cli.rigs.from_case import laboratory_number, true_values_of_run
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -38,11 +51,182 @@ if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.analysis.sim_delay import DelayedResponse
     from rths_cli.case.case_schema import Case
-    from rths_cli.control.part_designs import OwnParts
+    from rths_cli.control.interface import OwnParts
+    from rths_cli.experiment.design import Design
     from rths_cli.experiment.true_reference import TrueReference
+    from rths_cli.loop.simulated_time_run import Outcome
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
     from rths_cli.structure import Building
+
+
+@dataclass(frozen=True)
+class Played:
+    """Outcome of the table runs of a case: the first stop (None: there was none), metrics and warnings.
+
+    `late` is what ended a run after its complete record (None: nothing did); `remarks` belong to metrics. `true_accel`
+    (n_storeys, n) in m/s^2 is the building's true motion in a complete EXP-RTHS, None where nobody knows it; `after` is
+    what its records tell of its true error.
+    """
+
+    stop: Stop | None
+    values: Values
+    said: tuple[str, ...] = ()
+    late: Stop | None = None
+    remarks: Mapping[str, str] = field(default_factory=dict)
+    true_accel: Array | None = None
+    after: AfterRun = field(default_factory=AfterRun)
+
+
+class Stage(Protocol):
+    """Where the runs of a case are played.
+
+    `told` is the building with the specimen that the rig of a package said to have in the last run, None where it said
+    nothing.
+    """
+
+    told: Building | None
+
+    def play(self, plan: RunPlan, writer: ResultWriter) -> Outcome:
+        """Play one run; the result file may be closed meanwhile."""
+
+    def written(self) -> None:
+        """Called when the result file holds everything that was played."""
+
+
+class VirtualStage:
+    """Plays runs on virtual rigs, which need no real time; their specimens stand in their rig files."""
+
+    told: Building | None = None
+
+    def play(self, plan: RunPlan, writer: ResultWriter) -> Outcome:
+        """Play one run."""
+        return interruptible(lambda: play_run(plan, plan.setup.case.seed))
+
+    def written(self) -> None:
+        """Do nothing: there are no other files of the runs."""
+
+
+def play_all(
+    setup: Setup,
+    known: IdentifiedModel,
+    checked: Verdict,
+    design: Design,
+    sim: Response,
+    writer: ResultWriter,
+    progress: Progress,
+    stage: Stage,
+) -> Played:
+    """Play the table runs of the case and write them."""
+    all_of_them = Played(None, {})
+    for kind in TABLE_RUNS:
+        stop, late = all_of_them.stop, all_of_them.late
+        if kind.name not in setup.case.runs or (_ended(stop) and setup.rig.can.moves_hardware):
+            continue
+        if refusal := refusal_of(setup, checked, kind):
+            _note(writer, kind.name, refusal)
+            stop = replace(stop, reason=f"{stop.reason}; {refusal.reason}") if stop else refusal
+            all_of_them = replace(all_of_them, stop=stop)
+            continue
+        if late is not None and setup.rig.can.moves_hardware:
+            stop = replace(late, reason=f"{kind.label} was not begun: {late.reason}")
+            _note(writer, kind.name, stop)
+            all_of_them = replace(all_of_them, stop=stop)
+            continue
+        progress(f"{kind.label}, {setup.case.table.kind} table")
+        writer.about({f"{kind.name}_status": BEGUN})
+        plan = plan_run(setup, design, kind, known.found, checked.planned.get(kind.name))
+        outcome = stage.play(plan, writer)
+        run = run_of(outcome, setup, kind, design.blocks.lead_samples, plan.expected)
+        if run.stopped is not None and checked.refuses(kind.name):
+            told = f"{checked.of_run(kind.name)[0]} by its check, which was overridden; {run.stopped.reason}"
+            run = replace(run, stopped=replace(run.stopped, reason=told))
+        write_run(writer, setup, run)
+        _note(writer, kind.name, run.stopped)
+        run = evaluated(run, setup, sim, checked.loop, checked.replay)
+        if causes := told_causes(run.causes):
+            writer.about(causes)
+        all_of_them = _with(all_of_them, run)
+        if kind is HYBRID_TEST:
+            after = error_after_run(checked.uncertain, run)
+            if after.why_none:
+                writer.about({"no_true_error_bound": after.why_none})
+            values = {**all_of_them.values, **after.values}
+            all_of_them = replace(all_of_them, true_accel=true_accelerations(run, setup), after=after, values=values)
+    return all_of_them
+
+
+def _ended(stop: Stop | None) -> bool:
+    """Return whether an earlier run ended early; one that was refused moved nothing."""
+    return stop is not None and stop.status != "refused"
+
+
+def _with(before: Played, run: Run) -> Played:
+    """Return the outcome of the earlier runs together with one more."""
+    return Played(
+        before.stop or run.stopped,
+        {**before.values, **run.metrics},
+        (*before.said, *run.warnings),
+        before.late or run.late,
+        {**before.remarks, **run.remarks},
+    )
+
+
+def write_run(writer: ResultWriter, setup: Setup, run: Run) -> None:
+    """Write the series of a run."""
+    seed, stream = setup.case.seed, (run.kind.stream,)
+    drawn = true_values_of_run(setup.case, setup.rig, (seed, *stream), session_of(setup, stream, seed))
+    hidden = result_contents.true_arrays(drawn)
+    result_contents.write_table_run(writer, run.kind.name, setup, run.series, run.building, hidden)
+    if run.rest is not None:
+        result_contents.write_rest(writer, run.kind.name, setup, run.rest)
+
+
+def refused(writer: ResultWriter, runs: Sequence[str], reason: str) -> Stop:
+    """Return the outcome for a case whose table runs are refused; the file states the reason for each."""
+    stop = Stop("refused", reason, 1)
+    for kind in TABLE_RUNS:
+        if kind.name in runs:
+            _note(writer, kind.name, stop)
+    return stop
+
+
+def _note(writer: ResultWriter, run: str, stopped: Stop | None) -> None:
+    """Write status and reason of one run."""
+    told = {f"{run}_status": stopped.status, f"{run}_status_reason": stopped.reason} if stopped else {}
+    writer.about(told or {f"{run}_status": COMPLETE})
+
+
+def why_none(setup: Setup, known: IdentifiedModel, checked: Verdict) -> str:
+    """Return why no run on the table is played, empty if they may be."""
+    if checked.design is None:
+        return "; ".join(checked.reasons)
+    faults = known.faults(setup.overrides)[:1]
+    return "; ".join((*unit_doubts(setup), *faults)) if faults else ""
+
+
+def why_unsafe(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> str:
+    """Return why a table run is not played, empty if it is safe or overridden."""
+    if not checked.refuses(kind.name) or "check" in setup.overrides:
+        return ""
+    verdict, reasons = checked.of_run(kind.name)
+    doubts = unit_doubts(setup)
+    others = [reason for reason in reasons if reason not in doubts]
+    if others and doubts_building(setup):  # what a wrong unit makes of the loop tells nobody what to change
+        others = [f"{len(others)} more {'reasons' if len(others) > 1 else 'reason'}, which a wrong unit would explain"]
+    return f"{verdict}: {'; '.join([*doubts, *others])}"
+
+
+def refusal_of(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> Stop | None:
+    """Return the refusal of a table run, None if it is safe or overridden."""
+    why = why_unsafe(setup, checked, kind)
+    if not why:
+        return None
+    advice = (
+        f"rths check {shown(setup.case.path)} with the same options tells more, --override check runs it all the same"
+    )
+    return Stop("refused", f"{kind.label} refused, {why}; {advice}", 1)
+
 
 BYTES_PER_SAMPLE = {"all": 600, "essential": 100, "none": 20}  # of a result file, for the check of free space
 PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # precedence of exit codes, the first one wins
@@ -118,12 +302,12 @@ def run_case(
                 if played.true_accel is not None:
                     truth = _truth_told(setup, stage.told, progress)
             if truth is not None and played.true_accel is not None:
-                values |= true_reference.metrics_of(setup, truth, played.true_accel, values)
-            values |= expected_errors.metrics_of(played.after.true_error, values)
+                values |= true_reference.true_reference_metrics(setup, truth, played.true_accel, values)
+            values |= true_reference.expected_error_metrics(played.after.true_error, values)
             if "exp_rths.residual_drift_m" in values and not setup.declared:
                 change_m = change_of_residual_drift(setup, sim, shared)
-                values |= residual_drift.metrics_of(setup, sim, change_m, values)
-            cautions = (*played.said, *expected_errors.disagreement(values), *cautions)
+                values |= true_reference.residual_drift_metrics(setup, sim, change_m, values)
+            cautions = (*played.said, *true_reference.disagreement(values), *cautions)
         cautions = (*losses_of_runs(values), *cautions)
         late = (played.late.reason,) if played.late else ()
         if cautions or late:
@@ -152,7 +336,7 @@ def worst_code(codes: Iterable[int]) -> int:
     return next((code for code in PRECEDENCE if code in there), 0)
 
 
-def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tuple[str, ...]:
+def _cautions(setup: Setup, known: IdentifiedModel | None, checked: Verdict | None) -> tuple[str, ...]:
     """Return the warnings that a user should read before trusting the result."""
     said = of_case(setup, known.found if known else None, checked.design if checked else None)
     if checked is not None and checked.advice and (not checked.refused or "check" in setup.overrides):
@@ -168,7 +352,7 @@ def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tup
 
 
 def _attributes(
-    setup: Setup, checked: Verdict | None, known: Known | None, command_line: str, cautions: Sequence[str]
+    setup: Setup, checked: Verdict | None, known: IdentifiedModel | None, command_line: str, cautions: Sequence[str]
 ) -> dict[str, str | int | float]:
     """Return the root attributes of the result file."""
     model = {"model_source": known.source if known else "", "warnings": "\n".join(cautions)}
@@ -179,7 +363,13 @@ def _attributes(
 
 
 def _on_table(
-    setup: Setup, known: Known, checked: Verdict, sim: Response, writer: ResultWriter, progress: Progress, stage: Stage
+    setup: Setup,
+    known: IdentifiedModel,
+    checked: Verdict,
+    sim: Response,
+    writer: ResultWriter,
+    progress: Progress,
+    stage: Stage,
 ) -> Played:
     """Write identification, check and blocks to the result file, and play the table runs."""
     design = checked.design
@@ -239,7 +429,7 @@ def _truth_told(setup: Setup, told: Building, progress: Progress) -> TrueReferen
 
 def change_of_residual_drift(setup: Setup, sim: Response, shared: SharedValues) -> Array:
     """Return what 1 % of base shear makes of SIM's residual drift; cases with the same record and building share it."""
-    change = residual_drift.change_by_base_shear_m
+    change = true_reference.change_by_base_shear_m
     return shared.get("residual_drift", _of_sim(setup), lambda: interruptible(lambda: change(setup, sim)))
 
 
@@ -296,11 +486,11 @@ def acceptance(limits: Mapping[str, float], values: Values) -> Stop:
     """Return the end of a completed case: accepted, or not, by its own limits on metrics."""
     failed = []
     for path, limit in limits.items():
-        found = values.get(accept_limits.figure(path))
+        found = values.get(grade.figure(path))
         if found is None:
             failed.append(f"{path} was not computed")
             continue
-        judged = accept_limits.judge(path, limit, found)
+        judged = grade.judge(path, limit, found)
         if judged.value is None:
             count = np.size(found)
             failed.append(f"{path}: the figure has {count} value{'s' if count > 1 else ''}")

@@ -1,8 +1,15 @@
-"""The work of `rths run` with all its cases: check all first, run them one by one or in parallel, exit code."""
+"""The work of `rths run` with all its cases: check all first, run them one by one or in parallel, exit code; memory
+settings of such a batch.
+
+A run allocates and frees tens of arrays of some megabytes. By default the C library returns each to the system at once,
+and the system must then clear every page of the next array, which takes a tenth of a batch's time.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import os
+import sys
 import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,12 +22,11 @@ from threading import Event
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from rths_cli.errors import InputError, RthsError, crash_note, out_of_memory
-from rths_cli.experiment.allocator_settings import keep_freed_memory
 from rths_cli.experiment.case_warnings import baseline_note
 from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
-from rths_cli.experiment.operator_consent import ask_to_move
+from rths_cli.experiment.real_rig_readiness import ask_to_move
 from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, run_case, worst_code
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup
 from rths_cli.experiment.unit_plausibility import before_error
@@ -33,8 +39,25 @@ from rths_cli.quantities import Values
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
-    from rths_cli.control.part_designs import OwnParts
+    from rths_cli.control.interface import OwnParts
     from rths_cli.loop.live_view import View
+
+TRIM_THRESHOLD, TOP_PAD, MMAP_THRESHOLD = -1, -2, -3  # of glibc's malloc.h
+MOST_KEPT_BYTES = 2**31 - 1  # largest amount of freed memory that is kept
+GROWN_BYTES = 1 << 26  # taken from the system at a time
+LARGEST_BYTES = 1 << 25  # largest array whose memory is kept, the maximum that glibc permits
+
+
+def keep_freed_memory() -> None:
+    """Let the process reuse freed memory instead of returning it to the system (glibc on Linux; else no effect)."""
+    if not sys.platform.startswith("linux"):
+        return
+    option = getattr(ctypes.CDLL(None), "mallopt", None)
+    if option is None:  # another C library
+        return
+    for name, value in ((MMAP_THRESHOLD, LARGEST_BYTES), (TRIM_THRESHOLD, MOST_KEPT_BYTES), (TOP_PAD, GROWN_BYTES)):
+        option(name, value)
+
 
 KEPT, KEPT_BYTES = 8, 1 << 28  # largest number of shared values of each kind, and of bytes of all kinds
 RESPONSES = 3  # shared responses of a case: SIM, SIM of the identified building, SIM-DELAY
@@ -152,7 +175,7 @@ def _run_jobs(
         watcher.warning(note)  # before anybody permits a motion; of a virtual rig the answer tells
 
     def predicted(setup: Setup) -> Values:
-        from rths_cli.files.imported_models import is_foreign
+        from rths_cli.files.foreign_models import is_foreign
 
         model = setup.case.identification.model
         if "exp_rths" not in setup.case.runs or model is None or is_foreign(model):
@@ -220,7 +243,7 @@ def _run_real(
     setup: Setup, path: Path, memory: Memory, shared: SharedValues, command_line: str, tell: Progress, watcher: Watcher
 ) -> Ended:
     """Run a case on a real rig; rate and channels are checked before the table moves and its result file is begun."""
-    from rths_cli.experiment.table_runs_on_real_rig import RealStage, ask_the_rig
+    from rths_cli.experiment.real_stage import RealStage, ask_the_rig
 
     if moves_table(setup.case):
         ask_the_rig(setup, memory, tell)

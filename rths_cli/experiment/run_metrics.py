@@ -1,4 +1,5 @@
-"""Metrics of a run by their paths, from analysis/metrics/: errors, tracking, FEI, J1 to J9, energy error.
+"""Metrics of a run by their paths: errors, tracking, FEI, J1 to J9, energy error, error budget; the lowest
+frequency at which errors are evaluated.
 
 All are formed of accelerations, which every rig measures. docs/background/metrics.md defines each.
 """
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.analysis.error_attribution import Cause, causes_of
+from rths_cli.analysis.error_budget import Budget, Linear, Signals, split
 from rths_cli.analysis.metrics import (
     best_lag_s,
     error_energy_j,
@@ -25,14 +28,18 @@ from rths_cli.analysis.metrics import (
     velocity_error_m_s,
 )
 from rths_cli.analysis.structural_response import inter_storey_drift_m, peaks
-from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
+from rths_cli.loop.realtime_loop import IN_RUN
 from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.quantities import kinds_of
 from rths_cli.structure import storey_values
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from collections.abc import Sequence
 
+    from numpy.typing import ArrayLike, NDArray
+
+    from rths_cli.analysis.error_budget import Undisturbed
+    from rths_cli.analysis.predicted_error import PredictionInputs
     from rths_cli.analysis.sim import Response
     from rths_cli.control.margins import Margins
     from rths_cli.experiment.run_signals import Series
@@ -40,6 +47,89 @@ if TYPE_CHECKING:
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
     from rths_cli.structure import Building
+
+LEAST_TOLD = 0.1  # of the largest cause: smaller ones are not told
+MAIN = 0.5  # least part of the sum of squares of the main cause
+LATE_SHARE = 0.5  # fraction of a sample interval; later samples belong to no instant
+
+
+def of_exp_rths(
+    known: PredictionInputs | None, series: Series, reported: Array, sim: Response, test: Undisturbed | None = None
+) -> tuple[dict[str, ArrayLike], tuple[Cause, ...]]:
+    """Return the measured errors by cause and the named causes; empty for an unstable loop (None) or if a value is not
+    finite.
+
+    `reported` (n_storeys, n): absolute accelerations of a run that reached the end of its record, measured from the
+    table up. `test`: None for a building without laws.
+    """
+    if known is None or not np.isfinite(reported).all():
+        return {}, ()
+    computed = reported[: len(reported) - len(series.measured)]
+    lost = steps_without_samples(series, known.lines.dt_s)
+    signals = Signals(
+        series.desired, series.measured, series.command_v, computed, sim.abs_accel_m_s2, lost, series.removed
+    )
+    test = test or Linear(known)
+    budget = split(known, signals, test)
+    return budget_metrics(budget), causes_of(known, signals, budget, test)
+
+
+def told_causes(causes: Sequence[Cause]) -> dict[str, str]:
+    """Return the named causes as attributes of a result: those with a tenth of the largest error, and the main one."""
+    if not causes or not causes[0].largest > 0.0:
+        return {}
+    size = float(np.sqrt(sum(cause.largest**2 for cause in causes)))
+    lines = [f"{cause.told}: {100.0 * cause.largest / size:.0f} %" for cause in causes]
+    shown = [line for line, cause in zip(lines, causes, strict=True) if cause.largest >= LEAST_TOLD * causes[0].largest]
+    main = causes[0].told if causes[0].largest ** 2 >= MAIN * size**2 else ""
+    return {"error_causes": "\n".join(shown), "main_error_cause": main}
+
+
+def steps_without_samples(series: Series, dt_s: float) -> NDArray[np.bool_] | None:
+    """Return the steps (n,) of a run in real time that are excluded from the budget's fits.
+
+    They did not use the samples of their own instant (lost, caught up, a mix after a gap, late by half an interval) or
+    belong to a ramp. None for a run on the counted clock.
+    """
+    if not series.live:
+        return None
+    late, lost, state = (series.live[name] for name in ("late_s", "lost", "state"))
+    return np.asarray((late > LATE_SHARE * dt_s) | (lost > 0) | (state != IN_RUN))
+
+
+def budget_metrics(found: Budget) -> dict[str, ArrayLike]:
+    """Return a budget as metrics `budget.*`."""
+    values: dict[str, ArrayLike] = {
+        "budget.table_gain_error": found.gain_error,
+        "budget.table_delay_error_s": found.delay_error_s,
+        "budget.friction_v": found.friction_v,
+        "budget.unexplained_rms_m_s2": found.unexplained.storeys,
+        "budget.table_gain_error_uncertainty": found.gain_uncertainty,
+        "budget.table_delay_error_uncertainty_s": found.delay_uncertainty_s,
+        "budget.friction_uncertainty_v": found.friction_uncertainty_v,
+    }
+    for name, errors in found.causes.items():
+        values[f"budget.rms_error_{name}_m_s2"] = errors.storeys
+        values[f"budget.tracking_rms_{name}_m_s2"] = errors.tracking
+    return values
+
+
+RECORD_SHARE = 0.4  # fraction of the record filter's corner, at which a 2-pole filter leaves 16 % of the ground motion
+USUAL_HZ = 0.1  # upper limit of that term: buildings also move below a higher corner of the record filter
+COUPLING_SHARE = 1.0 / 3.0  # fraction of an AC coupling's corner, at which its correction amplifies 3 times
+HIGHEST_SHARE = 0.1  # largest fraction of the sample rate
+
+
+def lowest_reliable_hz(setup: Setup) -> float:
+    """Return the corner in Hz of the zero-phase high pass with which the errors of a case are evaluated.
+
+    It is the largest of 0.4 times the corner of the record's filter, at most 0.1 Hz (the ground hardly moves below), a
+    third of the highest corner of the accelerometers' AC coupling, and one period in the record.
+    """
+    ground = min(RECORD_SHARE * setup.case.record_filter.corner_hz, USUAL_HZ)
+    coupling = COUPLING_SHARE * max(channel.high_pass_hz for channel in setup.rig.channels)
+    length = 1.0 / (len(setup.motion.time_s) * setup.rig.dt_s)
+    return min(max(ground, coupling, length), HIGHEST_SHARE / setup.rig.dt_s)
 
 
 Compared = tuple["Array", "Array", "Array | None"]

@@ -1,30 +1,40 @@
-"""The true reference: SIM and SIM-DELAY of the declared numerical storeys below the specimen as it is.
+"""The true reference (SIM and SIM-DELAY of the declared numerical storeys below the specimen as it is), the errors
+that the check expected, and how certain a residual drift is.
+
+SIM and SIM-DELAY of the declared numerical storeys below the specimen as it is.
 
 Control answers for the error against it, the declaration of the specimen for the difference to the error against SIM of
 the building as declared. Only a simulated rig knows the specimen as it is: the virtual one, or one of a package that
 tells it (docs/decisions/errors_and_bands.md).
+
+A storey that yields keeps a drift that depends on small differences: 1 % of base shear may move it by 10 %. The base
+shear of a hybrid test is masses times measured accelerations, and it is that of the table as it moved. Both errors are
+taken for one of its size: SIM of the building whose specimen pulls 1 % more, or less, says what that does.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.references import reference_of
+from rths_cli.analysis.structural_response import inter_storey_drift_m
 from rths_cli.experiment import run_metrics
-from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
+from rths_cli.experiment.run_metrics import lowest_reliable_hz
 from rths_cli.rigs.from_case import true_building
+from rths_cli.structure import Building, Specimen, assemble
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.analysis.sim import Response
+    from rths_cli.analysis.true_error import TrueError
     from rths_cli.experiment.setup import Progress, Setup
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
-    from rths_cli.structure import Building
 
 PREFIX = "true_reference_"
 RMS, NRMSE = "rms_error_m_s2", "nrmse_percent"
@@ -71,7 +81,9 @@ def reference_of_building(setup: Setup, building: Building, progress: Progress) 
     return TrueReference(true_sim.abs_accel_m_s2, delayed, as_declared=False)
 
 
-def metrics_of(setup: Setup, truth: TrueReference, true_accel: Array, found: Values) -> dict[str, ArrayLike]:
+def true_reference_metrics(
+    setup: Setup, truth: TrueReference, true_accel: Array, found: Values
+) -> dict[str, ArrayLike]:
     """Return the errors against the true reference by path, of EXP-RTHS and of SIM-DELAY, and their ratio.
 
     `true_accel` (n_storeys, n) are the true accelerations of EXP-RTHS in m/s^2. `found`: the metrics of the case, whose
@@ -103,3 +115,86 @@ def _errors(setup: Setup, run: str, sim_accel: Array, accel: Array) -> dict[str,
     percent = run_metrics.relative_errors(run, errors, sim_accel, *settings, setup.case.test_band_hz)
     found = {**errors, **percent}
     return {f"{run}.{PREFIX}{name}": found[f"{run}.{name}"] for name in (RMS, NRMSE)}
+
+
+FACTOR = 1.5  # by which the measured error may differ from the expected one before it is told
+LEAST_PERCENT = 0.5  # of SIM's RMS; a smaller error, measured and expected, is not worth a sentence
+
+
+def expected_error_metrics(predicted: TrueError | None, values: Values) -> dict[str, ArrayLike]:
+    """Return the measured errors over the expected ones, and the ranks of the true errors, by path; `values` holds the
+    errors."""
+    found: dict[str, ArrayLike] = {}
+    expected, measured = (values.get(name) for name in ("check.expected_error_m_s2", "exp_rths.rms_error_m_s2"))
+    if expected is not None and measured is not None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found["exp_rths.error_over_expected"] = np.asarray(measured) / np.asarray(expected)
+    true = values.get("exp_rths.true_reference_rms_error_m_s2")
+    if predicted is not None and true is not None:
+        found["exp_rths.true_error_rank"] = predicted.rank(np.asarray(true))
+    return found
+
+
+def disagreement(values: Values) -> tuple[str, ...]:
+    """Return a sentence where the measured error of a storey is not the expected one, the one farthest off."""
+    needed = ("exp_rths.error_over_expected", "exp_rths.rms_error_m_s2", "exp_rths.nrmse_percent")
+    if any(name not in values for name in needed):
+        return ()
+    over, error, percent = (np.asarray(values[name], dtype=float) for name in needed)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        apart, largest = np.abs(np.log(over)), percent * np.maximum(1.0, 1.0 / over)
+    told = np.isfinite(apart) & (apart > np.log(FACTOR)) & (largest > LEAST_PERCENT)
+    if not told.any():
+        return ()
+    worst = int(np.argmax(np.where(told, apart, 0.0)))
+    where = (
+        "look at the causes of the error (rths report RESULT), and for what changed since the identification: sensors, "
+        "specimen, level of motion"
+        if over[worst] > 1.0
+        else "the check was more careful than this test needed"
+    )
+    return (
+        f"measured and expected error differ: {1e3 * error[worst]:.3g} mm/s^2 at storey {worst + 1} is "
+        f"{over[worst]:.2g} times what the check expected; {where}",
+    )
+
+
+CHANGE = 0.01  # of the base shear, for which the change of the residual drift is computed
+
+
+def with_base_shear(building: Building, factor: float) -> Building:
+    """Return a building whose specimen moves as before and pulls `factor` times as strongly: mass, stiffness and
+    damping of all that stands on the table are multiplied."""
+    stated = building.specimen
+    specimen = Specimen(factor * stated.masses_kg, factor * stated.K, factor * stated.C)
+    mass = factor * building.interface_experimental_mass_kg
+    M, C, K = assemble(building.numerical, specimen, mass)
+    return replace(building, specimen=specimen, interface_experimental_mass_kg=mass, M=M, C=C, K=K)
+
+
+def change_by_base_shear_m(setup: Setup, sim: Response) -> Array:
+    """Return the larger change (n_storeys,) in m of SIM's drift at the record's last sample by a base shear that is 1 %
+    larger or smaller. Raises InputError where such a building has no SIM."""
+    building, ends = setup.building, []
+    for factor in (1.0 - CHANGE, 1.0 + CHANGE):
+        changed = with_base_shear(building, factor)
+        found = reference_of(changed).sim(changed, setup.rig.dt_s, setup.motion.accel_m_s2)
+        ends.append(inter_storey_drift_m(found.rel_disp_m)[:, -1] - inter_storey_drift_m(sim.rel_disp_m)[:, -1])
+    return np.asarray(np.abs(ends).max(axis=0))
+
+
+def residual_drift_metrics(setup: Setup, sim: Response, change_m: Array, found: Values) -> dict[str, ArrayLike]:
+    """Return the metrics of the residual drift's uncertainty by path.
+
+    `change_m` (n_storeys,): that of `change_by_base_shear_m`. `found`: the metrics of EXP-RTHS, of which its tracking
+    error counts. Storeys on the table are NaN.
+    """
+    computed = len(setup.building.numerical.masses_kg)
+    change = np.where(np.arange(len(change_m)) < computed, change_m, np.nan)
+    tracking = float(np.asarray(found["exp_rths.tracking_rms_m_s2"])) / float(rms(sim.abs_accel_m_s2[computed - 1]))
+    shear = float(np.hypot(setup.case.base_shear_uncertainty, tracking))
+    return {
+        "exp_rths.residual_drift_change_m": change,
+        "exp_rths.base_shear_uncertainty": shear,
+        "exp_rths.residual_drift_uncertainty_m": change * shear / CHANGE,
+    }

@@ -31,8 +31,8 @@ from rths_cli.files.hdf5 import Dataset, add_text, as_declared, scales_of, write
 from rths_cli.files.staged_file import StagedFile, signals_held
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import AXES, Interval, Values, attribute_fault, dataset, metric
-from rths_cli.quantities.axes import SAMPLED
 from rths_cli.quantities.datasets import KEPT_SERIES, keeps, of_a_run
+from rths_cli.quantities.declaration import SAMPLED
 
 FORMAT = "rths-result"
 FORMAT_VERSION = 1
@@ -362,7 +362,7 @@ def _text_list(value: list[str]) -> Any:
 def _scale(name: str, values: ArrayLike) -> Dataset:
     """Return the values of a scale with what is declared of it; raises ValueError where no axis has that name."""
     if name not in AXES:
-        raise ValueError(f"the axis {name} is declared nowhere; declare it in rths_cli/quantities/axes.py.")
+        raise ValueError(f"the axis {name} is declared nowhere; declare it in rths_cli/quantities/declaration.py.")
     return Dataset(values, AXES[name].units, AXES[name].text, "computed")
 
 

@@ -41,8 +41,8 @@ from rths_cli.files.result_writer import Attribute, refusal
 from rths_cli.files.staged_file import new_large_hdf5
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import AXES
+from rths_cli.quantities.declaration import unit_of_name
 from rths_cli.quantities.sweep_datasets import RUNS, SWEEP_ATTRIBUTES, SWEEP_DATASETS, TEXTS
-from rths_cli.quantities.units import unit_of_name
 from rths_cli.safe_text import csv_cell
 
 if TYPE_CHECKING:

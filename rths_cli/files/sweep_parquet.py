@@ -13,9 +13,8 @@ from rths_cli.errors import InputError
 from rths_cli.files.durable_files import written_whole
 from rths_cli.files.result_writer import refusal
 from rths_cli.files.sweep_file import Sweep, stored_values
-from rths_cli.quantities.axes import AXES
+from rths_cli.quantities.declaration import AXES, unit_of_name
 from rths_cli.quantities.sweep_datasets import SWEEP_DATASETS
-from rths_cli.quantities.units import unit_of_name
 
 INSTALL = "pip install 'rths-cli[parquet]'"
 Column = tuple[str, Any, str, str]
@@ -40,7 +39,7 @@ def write_parquet(path: Path, sweep: Sweep) -> None:
     from pyarrow import parquet
 
     arrays, fields = [], []
-    for name, values, units, meaning in _columns(sweep):
+    for name, values, units, meaning in _parquet_columns(sweep):
         array = pa.array(values, from_pandas=True)  # NaN is null
         arrays.append(array)
         fields.append(pa.field(name, array.type, metadata={"units": units, "long_name": meaning}))
@@ -54,7 +53,7 @@ def write_parquet(path: Path, sweep: Sweep) -> None:
         raise InputError(refusal(path, "cannot write the table", error)) from error
 
 
-def _columns(sweep: Sweep) -> Iterator[Column]:
+def _parquet_columns(sweep: Sweep) -> Iterator[Column]:
     """Yield coordinates, texts and figures, those per storey with the storey in brackets."""
     runs = len(sweep.seed)
     yield "variant", np.arange(1, runs + 1), AXES["variant"].units, AXES["variant"].text

@@ -20,11 +20,12 @@ from rths_cli.identification import (
 )
 from rths_cli.identification.absolute_scale import observations, with_scale
 from rths_cli.identification.channel_signals import UnfitRecord
+from rths_cli.identification.delay import of_specimen, of_structure, shifts, together
 from rths_cli.identification.excitation import accel_rms
-from rths_cli.identification.excitation_headroom import louder
 from rths_cli.identification.frequency_response import estimate, noise_floor
 from rths_cli.identification.identify_table import TableFit, coherent_up_to, fit_table, levels, with_ripple
 from rths_cli.identification.inputs import Evidence, IdentificationSettings, evidence
+from rths_cli.identification.low_level_probe import louder
 from rths_cli.identification.model_order import unsupported
 from rths_cli.identification.pitch import pitch
 from rths_cli.identification.record_parts import Record
@@ -41,7 +42,6 @@ from rths_cli.identification.results import (
     SpecimenFit,
     Verdict,
 )
-from rths_cli.identification.root_uncertainty import of_specimen, of_structure, shifts, together
 from rths_cli.identification.sensor_calibration import Fitted, calibrated, fitted, priors_of
 from rths_cli.identification.session_record import low_level_lines
 from rths_cli.identification.specimen_fit import Start

@@ -12,9 +12,9 @@ from rths_cli.control.interface import Interface
 from rths_cli.control.python_parts import PythonFeedforward, PythonPart, PythonSubstructure
 from rths_cli.errors import InputError
 from rths_cli.loop.parts import Room
-from rths_cli.numerics.callbacks import Callback, call
 from rths_cli.numerics.compiled import part, part_class
 from rths_cli.numerics.lti import Array
+from rths_cli.numerics.user_functions import Callback, call
 
 
 @part

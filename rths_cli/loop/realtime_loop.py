@@ -11,19 +11,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.loop.bumpless_transfer import (
+from rths_cli.loop.dropouts import bridge
+from rths_cli.loop.fallback_commands import (
     STANDS_V,
     WANTED_V,
+    Foresight,
     Returning,
     drift_to,
+    foresee,
+    foresee_rest,
     fresh_drift,
     give_back,
+    lay_way,
     note_lost,
     rejoin,
     returning,
 )
-from rths_cli.loop.dropouts import bridge
-from rths_cli.loop.fallback_commands import Foresight, foresee, foresee_rest, lay_way
 from rths_cli.loop.guard import (
     END,
     LOST,

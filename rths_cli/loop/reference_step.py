@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks, with_cell
 from rths_cli.control.interface import COMMANDED
-from rths_cli.control.load_cell import with_cell
 from rths_cli.numerics.lti import Array, Block
 
 

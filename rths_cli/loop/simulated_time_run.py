@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.control.designed_blocks import Blocks
-from rths_cli.control.part_designs import Logged
+from rths_cli.control.interface import Logged
 from rths_cli.errors import InputError, RigError
 from rths_cli.loop.diagnosis import NOTHING_FORESEEN, Foreseen, cause_of
 from rths_cli.loop.guard import (

@@ -7,28 +7,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks, with_cell
 from rths_cli.control.friction_compensation import FrictionFeedforward
-from rths_cli.control.interface import COMMANDED, Interface
-from rths_cli.control.load_cell import with_cell
-from rths_cli.control.part_designs import PartDesign
+from rths_cli.control.interface import COMMANDED, Interface, PartDesign
 from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
-from rths_cli.loop.friction_feedforward import compensated_feedforward
 from rths_cli.loop.linear_parts import (
     Channels,
     OpenLoop,
     channelwise,
+    compensated_feedforward,
     kalman_filter,
     linear_feedback,
     linear_feedforward,
     twice,
 )
-from rths_cli.loop.modal_substructure import modal
 from rths_cli.loop.parts import Feedback, Feedforward, NumericalSubstructure, Observer, Room
 from rths_cli.loop.python_parts import called_feedforward, called_substructure
-from rths_cli.loop.storey_forces import storeys_and_forces
+from rths_cli.loop.storey_forces import modal, storeys_and_forces
 from rths_cli.numerics.lti import Array, Block
 
 EXCITATION, RECORD, NUMERICAL = 0, 1, 2

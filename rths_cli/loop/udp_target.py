@@ -28,7 +28,7 @@ from rths_cli.rigs.interface import SimulatedPlant, SimulatedState
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import Greeter, answer_hello, opens_session
 from rths_cli.rigs.udp.late_command_trajectory import POINTS, Way, place_after, take_way
-from rths_cli.rigs.udp.siphash import Bytes, Words
+from rths_cli.rigs.udp.packets import Bytes, Words
 
 BROKEN_NS = 1_000_000  # wait after an error of the socket
 

@@ -2,6 +2,8 @@
 (poles, zeros).
 
 Time or frequency is the last axis of every array. All quantities are SI.
+
+Modes of complex poles, driven by a series.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -259,3 +261,19 @@ def _triangular(triangle: ComplexArray, into: ComplexArray, points: ComplexArray
                 states[i] += triangle[i, i + 1 : end] @ states[i + 1 : end]
             states[i].reshape(m, -1)[...] /= points - triangle[i, i]
     return states
+
+
+def driven_modes(poles: ArrayLike, now: ArrayLike, before: ArrayLike, series: ArrayLike) -> Array:
+    """Return z[k] = p z[k-1] + a u[k] + b u[k-1], z[0] = 0, for each complex mode: (2, m, n), real and imaginary part.
+
+    `poles` p, `now` a, `before` b are complex (m,), `series` u is (n,).
+    """
+    from scipy.signal import lfilter
+
+    numbers = np.array([poles, now, before], dtype=complex).reshape(3, -1)
+    drive = np.asarray(series, dtype=float)
+    modes = np.empty((2, numbers.shape[1], len(drive)))
+    for r, (p, a, b) in enumerate(numbers.T):
+        mode, _ = lfilter([a, b], [1.0, -p], drive, zi=[-a * drive[0]])
+        modes[0, r], modes[1, r] = mode.real, mode.imag
+    return modes

@@ -1,11 +1,15 @@
-"""Compile a function of a user's that compiled code calls by its address.
+"""Functions that a user supplies, called from compiled code: compiled laws and Python parts.
 
 Machine code that knows addresses only is the same whatever function stands behind them, so that it can be kept; the
 user's function is compiled by each process.
+
+A fault does not leave the compiled code, which goes on: the caller's outputs say that there are none, and the fault is
+kept for whoever started the run.
 """
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -72,3 +76,39 @@ def call_force(
 
     index, real = types.int64, types.float64
     return real(index, numbers, states, index, index, real, real), generate
+
+
+class Callback:
+    """A Python function without arguments for compiled code; `fault` is what it raised first, after which it is not
+    called again."""
+
+    def __init__(self, function: Callable[[], object]) -> None:
+        self.fault: BaseException | None = None
+        self._function = function
+        self._c = ctypes.CFUNCTYPE(ctypes.c_int)(self._run)
+
+    @property
+    def address(self) -> int:
+        """Return the address that `call` takes; it is valid as long as this object lives."""
+        return ctypes.cast(self._c, ctypes.c_void_p).value or 0
+
+    def _run(self) -> int:
+        if self.fault is not None:
+            return 0
+        try:
+            self._function()
+        except BaseException as fault:  # compiled code cannot be left: whoever started it raises the fault
+            self.fault = fault
+            return 0
+        return 1
+
+
+@intrinsic
+def call(typingctx: Any, address: Any) -> Any:
+    """Call a `Callback` by its address; return 1, or 0 after a fault."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        function = ir.FunctionType(ir.IntType(32), []).as_pointer()
+        return builder.sext(builder.call(builder.inttoptr(arguments[0], function), []), ir.IntType(64))
+
+    return types.int64(types.int64), generate

@@ -6,10 +6,10 @@ is not declared; the reader's checks, sweeps, `accept`, reports, reference pages
 """
 
 from rths_cli.quantities.attributes import ATTRIBUTES, STATUSES, attribute_fault
-from rths_cli.quantities.axes import AXES
 from rths_cli.quantities.datasets import BLOCKS, DATASETS, dataset, stored_dataset
 from rths_cli.quantities.declaration import (
     ACCEL,
+    AXES,
     LESS,
     MORE,
     NONE,
@@ -19,11 +19,13 @@ from rths_cli.quantities.declaration import (
     AttributeDeclaration,
     Axis,
     DatasetDeclaration,
+    Interval,
     Quantity,
     Source,
     Values,
+    intervals_of,
+    over_samples,
 )
-from rths_cli.quantities.interval import Interval, intervals_of, over_samples
 from rths_cli.quantities.metrics import KINDS, LATENCIES, METRICS, declared, kinds_of, metric, metrics_of, variants
 
 __all__ = [

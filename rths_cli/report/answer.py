@@ -28,11 +28,10 @@ from rths_cli.analysis.grade import (
 from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.files.stored_case import stored_case
 from rths_cli.numerics.bands import TEST_BAND_HZ
-from rths_cli.report.error_budget_table import CAUSES
-from rths_cli.report.judged_limits import judge
+from rths_cli.report.case_metric_tables import CAUSES
 from rths_cli.report.numbers import three
 from rths_cli.report.result_scale import scale_lines
-from rths_cli.report.results_by_case import TABLE_RUNS
+from rths_cli.report.results_by_case import TABLE_RUNS, judge
 
 MOST_STOREYS = 5  # of which all are shown; of taller buildings the three that drift most, and the roof
 WIDEST, NARROW = 100, 60  # columns

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rths_cli.report.text_layout import aligned, labelled, wrapped_below_labels
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.calibrate_command import CalibrationMade, Row
+    from rths_cli.laboratory.calibrate import CalibrationMade, Row
 
 HEADINGS = ("", "unit", "declared", "measured", "found", "before, %", "after, %", "alone, %")
 ABOUT = (

@@ -1,17 +1,225 @@
-"""Text below the table of a single case: error by cause, latency, and a list of all other metrics."""
+"""Text tables below that of a single case: error by cause, latency, fidelity, all other metrics."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rths_cli.files.result_reader import Result
-from rths_cli.report.error_budget_table import budget_text, named_causes
-from rths_cli.report.latency_table import latency_text
-from rths_cli.report.numbers import listed
-from rths_cli.report.results_by_case import Entry
-from rths_cli.report.text_layout import width, wrapped
+from rths_cli.numerics.lti import Array
+from rths_cli.quantities import metric
+from rths_cli.report.numbers import listed, rounded_to_four, with_uncertainty
+from rths_cli.report.results_by_case import Entry, state, storeys
+from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, mark, ratio, width, wrapped
+
+CAUSES = {
+    "declared": "declared building",
+    "coupling": "coupling",
+    "latency": "latency left",
+    "model": "table model",
+    "friction": "friction",
+    "specimen": "specimen",
+    "rounding": "rounded commands",
+    "lost": "lost samples",
+    "drift": "sensor drift",
+    "noise": "sensor noise",
+    "quantisation": "rounded samples",
+    "rest": "rest",
+}
+WORDS = {"check": "pred.", "budget": "meas."}
+BUDGET_LABEL, BUDGET_COLUMN = 18, 10
+Metrics = Mapping[str, ArrayLike]
+
+
+def named_causes(result: Result) -> str:
+    """Return the named causes of the error in one sentence, "" for a result without them."""
+    lines = str(result.attributes.get("error_causes", "")).splitlines()
+    return f"Named causes of the error: {'; '.join(lines)}." if lines else ""
+
+
+def budget_text(metrics: Metrics) -> str:
+    """Return the table of RMS errors by cause, "" if the metrics contain no such errors.
+
+    `metrics` by path: predicted ones from `check.*`, measured ones from `budget.*` and `exp_rths.*`. If not all storeys
+    fit side by side on a page of 100 columns, the lowest ones and the highest one are shown.
+    """
+    predicted, measured = _has(metrics, "check"), _has(metrics, "budget")
+    if not (predicted or measured):
+        return ""
+    kinds = [kind for kind, there in (("check", predicted), ("budget", measured)) if there]
+    columns = _columns(metrics, kinds)
+    beside = max((width() - BUDGET_LABEL) // (BUDGET_COLUMN * len(kinds)), 1)
+    lines = ["Error by cause (RMS, mm/s^2, test band)"]
+    for first in range(0, len(columns), beside):
+        lines += _part(metrics, kinds, columns[first : first + beside])
+    return "\n".join([*lines, *([wrapped([_fitted(metrics)])] if measured else [])])
+
+
+def _part(metrics: Metrics, kinds: list[str], columns: list[int]) -> list[str]:
+    """Return the lines of the table with some of its columns."""
+    heads = [f"storey {column}" if column else "tracking" for column in columns]
+    heads = [
+        head if len(head) < BUDGET_COLUMN * len(kinds) else f"st. {column}"
+        for head, column in zip(heads, columns, strict=True)
+    ]
+    top = "".join(f"{head:>{BUDGET_COLUMN * len(kinds)}}" for head in heads)
+    words = "".join(f"{WORDS[kind]:>{BUDGET_COLUMN}}" for kind in kinds) * len(columns)
+    rule = "-" * (BUDGET_LABEL + len(top))
+    lines = [rule, f"{'':<{BUDGET_LABEL}}{top}", f"{'':<{BUDGET_LABEL}}{words}", rule]
+    for cause, label in CAUSES.items():
+        cells = [_budget_cell(metrics, kind, cause, column) for column in columns for kind in kinds]
+        if any(cell.strip() != "-" for cell in cells):
+            lines.append(f"{label:<{BUDGET_LABEL}}{''.join(cells)}")
+    whole = [_budget_cell(metrics, kind, "", column) for column in columns for kind in kinds]
+    return [*lines, rule, f"{'together':<{BUDGET_LABEL}}{''.join(whole)}", rule]
+
+
+def _has(metrics: Metrics, kind: str) -> bool:
+    return f"{kind}.rms_error_coupling_m_s2" in metrics
+
+
+def _columns(metrics: Metrics, kinds: list[str]) -> list[int]:
+    """Return the columns: 0 for tracking, then the numbers of the lowest storeys that fit and of the highest one."""
+    storeys = np.atleast_1d(metrics[f"{kinds[0]}.rms_error_coupling_m_s2"]).size
+    fit = (WIDTH - BUDGET_LABEL) // (BUDGET_COLUMN * len(kinds)) - 1
+    shown = list(range(1, storeys + 1))
+    return [0, *(shown if storeys <= fit else [*shown[: fit - 1], storeys])]
+
+
+def _budget_cell(metrics: Metrics, kind: str, cause: str, column: int) -> str:
+    """Return an error in mm/s^2 as text; for the cause "", the total error, which is a metric of the run itself."""
+    source = "exp_rths" if kind == "budget" and not cause else kind
+    part = f"_{cause}" if cause else ""
+    path = f"{source}.rms_error{part}_m_s2" if column else f"{source}.tracking_rms{part}_m_s2"
+    if path not in metrics:
+        return f"{'-':>{BUDGET_COLUMN}}"
+    value = 1e3 * float(np.atleast_1d(np.asarray(metrics[path], dtype=float))[max(column - 1, 0)])
+    return f"{value:>{BUDGET_COLUMN}.3f}" if abs(value) < 1e4 else f"{value:>{BUDGET_COLUMN}.2e}"
+
+
+def _fitted(metrics: Metrics) -> str:
+    """Return the sentence on gain, delay and friction of the table in the run; insignificant values are not stated."""
+    gain = _figure(metrics, "table_gain_error", "table_gain_error_uncertainty", 100.0, "%")
+    late = _figure(metrics, "table_delay_error_s", "table_delay_error_uncertainty_s", 1e6, "microseconds", 1)
+    friction = _figure(metrics, "friction_v", "friction_uncertainty_v", 1e3, "mV of command", sign="")
+    told = f"The table in the run against the identified one: gain {gain}, delay {late}, friction like {friction}."
+    if "not significant" not in told:
+        return told
+    left = "budget.rms_error_lost_m_s2" in metrics
+    why = "not enough of the record is left" if left else "the record does not say more"
+    return f"{told} Not significant: the uncertainty (two standard ones) is larger than the figure; {why}."
+
+
+def _figure(
+    metrics: Metrics, name: str, uncertainty: str, scale: float, unit: str, digits: int = 3, sign: str = "+"
+) -> str:
+    """Return a value with two standard uncertainties; if these exceed it, only the uncertainty."""
+    value = scale * float(np.asarray(metrics[f"budget.{name}"]))
+    if f"budget.{uncertainty}" not in metrics:  # a result of an earlier version
+        return f"{value:{sign}.{digits}f} {unit}"
+    off = 2.0 * scale * float(np.asarray(metrics[f"budget.{uncertainty}"]))
+    if not off <= abs(value):
+        return f"not significant (within +-{off:.2g} {unit})"
+    return f"{value:{sign}.{digits}f} +- {off:.2g} {unit}"
+
+
+ITEMS = {
+    "converter": "converter",
+    "hold": "hold",
+    "transport": "transport",
+    "inverse": "inverse, table",
+    "integration": "integration",
+    "sensor": "sensor low pass",
+    "coupling": "AC coupling",
+    "kalman": "Kalman filter",
+}
+SUMS = {"total": "total", "compensated": "compensated", "left": "left"}
+LEFT_SHARES = (0.05, 0.2)  # of the highest frequency: where the table shows what is left
+SAME_S = 1e-9
+LATENCY_LABEL, LATENCY_COLUMN, BY = 15, 8, 17
+NARROW = 7  # characters of a column on a narrow page
+
+
+def latency_text(metrics: Mapping[str, ArrayLike]) -> str:
+    """Return the table of latencies in ms with their sums, and the delay identified on the rig; "" without latencies.
+
+    `metrics`: metrics of a result by path (`latency.total_s`, ...).
+    """
+    if "latency.total_s" not in metrics or "latency.frequency_hz" not in metrics:
+        return ""
+    frequency = np.atleast_1d(np.asarray(metrics["latency.frequency_hz"], dtype=float))
+    shown = [int(np.abs(frequency - hz).argmin()) for hz in frequency[-1] * np.array(LEFT_SHARES)]
+    heads = [f"{hz:g} Hz" for hz in frequency]
+    left_heads = [f"left {heads[shown[0]]}", heads[shown[1]]]
+    rows = [_line("", heads, "taken out by", left_heads)]
+    if len(rows[0]) > width():
+        return _in_two(metrics, heads, left_heads, shown)
+    for name, label in ITEMS.items():
+        delay, stays = _latency_values(metrics, f"latency.{name}_s"), _latency_values(metrics, f"latency.{name}_left_s")
+        rows.append(_line(label, _ms(delay), _taken_out_by(name, metrics), _ms(stays[shown])))
+    rule = "-" * len(rows[0])
+    sums = [_line(label, _ms(_latency_values(metrics, f"latency.{name}_s")), "", []) for name, label in SUMS.items()]
+    title = "Latency of the loop (ms by frequency; negative is early)"
+    return "\n".join([title, rule, rows[0], rule, *rows[1:], rule, *sums, rule, wrapped(_identified(metrics))])
+
+
+def _in_two(metrics: Mapping[str, ArrayLike], heads: list[str], left_heads: list[str], shown: list[int]) -> str:
+    """Return the table on a narrow page: first the latencies, then what takes them out and what is left."""
+
+    def narrow(label: str, cells: list[str]) -> str:
+        return label.ljust(LATENCY_LABEL) + "".join(cell.rjust(NARROW) for cell in cells)
+
+    named = {**ITEMS, **SUMS}
+    first = [narrow(label, _ms(_latency_values(metrics, f"latency.{name}_s"))) for name, label in named.items()]
+    second = [
+        _line(label, [], _taken_out_by(name, metrics), _ms(_latency_values(metrics, f"latency.{name}_left_s")[shown]))
+        for name, label in ITEMS.items()
+    ]
+    top, rule = narrow("", heads), "-" * len(narrow("", heads))
+    title = "Latency of the loop (ms by frequency; negative is early)"
+    lines = [title, rule, top, rule, *first, rule, _line("", [], "taken out by", left_heads), rule, *second, rule]
+    return "\n".join([*lines, wrapped(_identified(metrics))])
+
+
+def _latency_values(metrics: Mapping[str, ArrayLike], path: str) -> Array:
+    return np.atleast_1d(np.asarray(metrics[path], dtype=float))
+
+
+def _number(metrics: Mapping[str, ArrayLike], path: str) -> float:
+    return float(_latency_values(metrics, path)[0])
+
+
+def _ms(seconds: Array) -> list[str]:
+    """Return times (n,) in s as texts in ms with three decimals, without a minus sign before zero."""
+    return [f"{round(1e3 * value, 3) + 0.0:.3f}" for value in seconds]
+
+
+def _line(label: str, cells: list[str], by: str, left: list[str]) -> str:
+    text = label.ljust(LATENCY_LABEL) + "".join(cell.rjust(LATENCY_COLUMN) for cell in cells) + "  " + by.ljust(BY)
+    return (text + "".join(cell.rjust(LATENCY_COLUMN + 1) for cell in left)).rstrip()
+
+
+def _taken_out_by(name: str, metrics: Mapping[str, ArrayLike]) -> str:
+    """Return the block that compensates an item, "-" if the item is zero or not compensated."""
+    delay, left = _latency_values(metrics, f"latency.{name}_s"), _latency_values(metrics, f"latency.{name}_left_s")
+    if np.allclose(delay, left, rtol=1e-6, atol=SAME_S):
+        return "-"
+    if name in ("sensor", "coupling"):
+        return "sensor correction" if np.any(left) else "inverse"
+    return "prediction" if _number(metrics, "latency.predicted_s") > 0.0 else "inverse"
+
+
+def _identified(metrics: Mapping[str, ArrayLike]) -> list[str]:
+    """Return the lines on the prediction and on the declared and identified delay of converter, hold and transport."""
+    lead, declared = (_number(metrics, f"latency.{name}_s") for name in ("predicted", "declared"))
+    first = f"Prediction: {1e3 * lead:.3f} ms. Converter, hold and transport: {1e3 * declared:.3f} ms declared"
+    if "latency.identified_s" not in metrics:
+        return [f"{first}; none was identified."]
+    found, error = (_number(metrics, f"latency.{name}_s") for name in ("identified", "identified_error"))
+    return [f"{first}, {with_uncertainty(found, error, 1e3)} ms (2 standard uncertainties) identified on the rig."]
+
 
 KINDS = {"_true_full": "full-t", "_true": "true", "_full": "full", "_model": "model"}
 TOTALS = ("check.rms_error_m_s2", "check.tracking_rms_m_s2")  # of the error by cause, whose table has no intervals
@@ -106,3 +314,105 @@ def _plain(value: float) -> str:
         return "-"
     near_one = 0.0 < abs(value - 1.0) < 1e-3  # a radius of 0.99996 is not 1
     return f"{float(value):.{7 if near_one else 4}g}"
+
+
+COLUMNS = {  # heading: metric, factor to the unit of the heading
+    "delay ms": ("exp_rths.tracking_delay_s", 1e3),
+    "FEI A": ("exp_rths.fei_amplitude", 1.0),
+    "FEI d ms": ("exp_rths.fei_delay_s", 1e3),
+    "J2": ("exp_rths.j2", 1.0),
+    "J3": ("exp_rths.j3", 1.0),
+    "J4": ("exp_rths.j4", 1.0),
+    "J5": ("exp_rths.j5", 1.0),
+    "energy": ("exp_rths.energy_error_ratio", 1.0),
+}
+PAIRS = ("nrmse_percent", "peak_error_percent", "rms_error_m_s2")  # the last one over that of SIM-DELAY
+PERCENT_COLUMN = 8
+PERCENT_NOTES = (
+    "RMS error: in percent of the RMS of SIM (NRMSE); peak error: in percent of SIM's peak; / SIM-DELAY: RMS error of "
+    "EXP-RTHS over that of SIM-DELAY, a ratio.",
+    "FEI: frequency evaluation index of the table in EXP-RTHS, effective delay (positive: late) and gain (1 = exact).",
+)
+
+
+def merit_table(cases: Sequence[Entry]) -> Table:
+    """Return the table of EXP-RTHS's figures of merit, a line per case and method, with the definitions as notes."""
+    rows: list[Row] = []
+    for entry in cases:
+        rows.append(Row(f"{entry.excitation}, damping {entry.damping}, {entry.controller}"))
+        rows += [Row(method, tuple(_cells(result))) for method, result in entry.results.items()]
+    title = f"Figures of merit of EXP-RTHS, measured, test band; {cases[0].table_name}"
+    return Table(title, "method", (len(COLUMNS),), 10, (tuple(map(Cell, COLUMNS)),), tuple(rows), tuple(_notes()))
+
+
+def percent_table(cases: Sequence[Entry]) -> Table:
+    """Return the table of EXP-RTHS's errors in percent of SIM, beside the ratio to SIM-DELAY and the table's FEI.
+
+    A row for each storey of a case and method, in test band and full band; effective delay and gain are those of the
+    table, stated in the first row.
+    """
+    rows: list[Row] = []
+    for entry in cases:
+        for method, result in entry.results.items():
+            rows.append(Row(f"{entry.excitation}, damping {entry.damping}, {entry.controller}, {method}"))
+            rows += [Row(f"storey {k + 1}", _percent_cells(result, k)) for k in range(storeys([entry]))]
+    of_pairs = ("RMS error (%)", "peak error (%)", "/ SIM-DELAY (-)", "table (FEI)")
+    heads = (
+        tuple(Cell(text, 2) for text in of_pairs),
+        (*(Cell(band) for _ in PAIRS for band in ("test", "full")), Cell("ms late"), Cell("gain")),
+    )
+    title = f"EXP-RTHS against SIM, measured, test band and full band; {cases[0].table_name}"
+    return Table(title, "", (2, 2, 2, 2), PERCENT_COLUMN, heads, tuple(rows))
+
+
+def _percent_cells(result: Result, storey: int) -> tuple[Cell, ...]:
+    values: list[float | str] = []
+    for leaf in PAIRS:
+        for suffix in ("", "_full"):
+            value = state(result, f"exp_rths.{leaf}{suffix}", storey)
+            if leaf == "rms_error_m_s2":
+                value = ratio(value, state(result, f"sim_delay.{leaf}{suffix}", storey))
+            values.append(value)
+    cells = [_cell(value, mark(result, "exp_rths.nrmse_percent")) for value in values]
+    if storey > 0:
+        return (*cells, Cell(""), Cell(""))
+    delay_s, gain = state(result, "exp_rths.fei_delay_s"), state(result, "exp_rths.fei_amplitude")
+    delay_ms = delay_s if isinstance(delay_s, str) else round(1e3 * delay_s, 4) + 0.0  # a column has room for -0.1234
+    shown = Cell(gain) if isinstance(gain, str) else Cell(f"{gain:.4f}", mark=mark(result, "exp_rths.fei_amplitude"))
+    return (*cells, _cell(delay_ms, mark(result, "exp_rths.fei_delay_s")), shown)
+
+
+def _cell(value: float | str, mark: str) -> Cell:
+    return Cell(value) if isinstance(value, str) else Cell(f"{value:.3g}", mark=mark)
+
+
+def _cells(result: Result) -> Iterator[Cell]:
+    for path, factor in COLUMNS.values():
+        value = state(result, path)
+        yield Cell(value) if isinstance(value, str) else Cell(rounded_to_four(factor * value), mark=mark(result, path))
+
+
+def _notes() -> Iterator[str]:
+    for head, (path, _) in COLUMNS.items():
+        found = metric(path)
+        yield f"{head} ({path}): {found.text if found else ''}."
+
+
+def every_figure(entry: Entry) -> Iterator[Table]:
+    """Yield a table of all metrics of one case: path, unit, values by method, definition; nothing without metrics."""
+    methods = list(entry.results)
+    paths = sorted({path for result in entry.results.values() for path in result.metrics})
+    rows = []
+    for path in paths:
+        having = next(result for result in entry.results.values() if path in result.metrics)
+        values = [_fidelity_values(entry.results[method], path) for method in methods]
+        rows.append(Row(path, tuple(map(Cell, (having.units[path], *values, having.definitions[path])))))
+    heads = tuple(map(Cell, ("unit", *methods, "definition")))
+    if rows:
+        yield Table(
+            f"Every figure of this case; {entry.table_name}", "figure", (len(heads),), 20, (heads,), tuple(rows)
+        )
+
+
+def _fidelity_values(result: Result, path: str) -> str:
+    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), rounded_to_four)

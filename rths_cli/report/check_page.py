@@ -1,17 +1,16 @@
-"""The page of `rths check`: the test, its stability, latency, reach, expected error, verdict."""
+"""`rths check` as text and JSON: the test, its stability, latency, reach, expected error, verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rths_cli.numerics.lti import Array
-from rths_cli.quantities import Interval, intervals_of
-from rths_cli.report.error_budget_table import budget_text
-from rths_cli.report.latency_table import latency_text
-from rths_cli.report.numbers import DASH, rounded, significant, whole_percent
+from rths_cli.quantities import METRICS, Interval, intervals_of
+from rths_cli.report.case_metric_tables import budget_text, latency_text
+from rths_cli.report.numbers import DASH, intervals_json, json_value, rounded, significant, whole_percent
 from rths_cli.report.text_layout import aligned, labelled, wrapped_below_labels
 from rths_cli.structure.similitude import factors_text
 
@@ -358,3 +357,29 @@ def _verdict(checked: Checked) -> list[str]:
 
 def _one(values: Values, name: str) -> float:
     return float(values[f"check.{name}"][0])
+
+
+def as_document(checked: Sequence[Checked]) -> dict[str, Any]:
+    """Return checked cases as plain numbers, texts and lists for JSON."""
+    return {"cases": [_case(one) for one in checked]}
+
+
+def _case(one: Checked) -> dict[str, Any]:
+    about = {name: _plain_value(value) for name, value in vars(one.about).items()}
+    return {
+        **about,
+        "verdict": one.verdict,
+        "doubted": list(one.doubted),
+        "reasons": list(one.reasons),
+        "warnings": list(one.warnings),
+        "metrics": {path: json_value(value) for path, value in one.metrics.items()},
+        "units": {path: METRICS[path].units for path in one.metrics},
+        "definitions": {path: METRICS[path].definition for path in one.metrics},
+        **({"tangents": list(one.tangents)} if one.tangents else {}),
+        **({"guard": list(one.of_guard)} if one.of_guard else {}),
+        **({"intervals": intervals_json(intervals)} if (intervals := intervals_of(one.metrics)) else {}),
+    }
+
+
+def _plain_value(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value

@@ -10,9 +10,9 @@ from rths_cli.report.numbers import DASH
 from rths_cli.report.text_layout import aligned, labelled, wrapped_below_labels
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.doctor_channels import ChannelsExamined
-    from rths_cli.experiment.doctor_command import Examined, Machine
     from rths_cli.files.machine_rates import RateMeasured
+    from rths_cli.laboratory.doctor import Examined, Machine
+    from rths_cli.laboratory.doctor_rig import ChannelsExamined
     from rths_cli.loop.scheduling import Granted
 
 HEADINGS = ("rate, Hz", "p50", "p99", "p99.9", "max", "late", "missed", "held")

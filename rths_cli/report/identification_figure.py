@@ -13,7 +13,7 @@ import numpy as np
 from rths_cli.identification.results import Identification
 from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.lti import Array, ComplexArray
-from rths_cli.report.figure_file import write_figure_file
+from rths_cli.report.figures.style import write_figure_file
 from rths_cli.report.identification_page import verdict_sentence
 from rths_cli.report.numbers import rounded
 from rths_cli.structure import Specimen
@@ -90,7 +90,7 @@ def figure(found: Identification, about: About) -> Figure:
     _residual(axes[3], found)
     if specimen:
         _floors(axes[4], found, specimen.specimen, specimen.natural_frequency_hz)
-    _frequency_axis(axes, found.frfs[0].frequency_hz)
+    _identified_axis(axes, found.frfs[0].frequency_hz)
     _heading(drawn, found, about)
     return drawn
 
@@ -185,12 +185,12 @@ def _floors(ax: Axes, found: Identification, specimen: Specimen, natural_hz: Arr
         ax.plot(f, identified[index], color="black", ls=DASHES[index % 6], label=f"identified, {name}")
     ax.set_yscale("log")
     ax.set_ylim(0.5 * float(identified.min()), 2.0 * float(identified.max()))
-    _natural_frequencies(ax, natural_hz)
+    _mark_natural_frequencies(ax, natural_hz)
     ax.set_ylabel("|floor / table|")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=min(len(identified), 5), handlelength=2.6)
 
 
-def _natural_frequencies(ax: Axes, natural_hz: Array) -> None:
+def _mark_natural_frequencies(ax: Axes, natural_hz: Array) -> None:
     """Mark the natural frequencies; if two are close, the text of the second one is higher."""
     above, last = 2.0, 0.0
     for value in natural_hz:
@@ -206,7 +206,7 @@ def _legend(ax: Axes) -> None:
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, borderaxespad=0.15, columnspacing=1.4)
 
 
-def _frequency_axis(axes: Sequence[Axes], frequency_hz: Array) -> None:
+def _identified_axis(axes: Sequence[Axes], frequency_hz: Array) -> None:
     """Set the measured band on all axes, with frequencies as plain numbers and one label at the bottom."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rths_cli.report.text_layout import labelled, wrapped_below_labels
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.plugin_command import Tested
+    from rths_cli.laboratory.plugin import Tested
 
 
 def page(package: str, found: Sequence[Tested]) -> str:

@@ -7,11 +7,20 @@ from dataclasses import dataclass
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
-from rths_cli.report.baseline_comparison import CaseChanges, against, baseline_blocks
-from rths_cli.report.group_comparison import Compared, check_keys, compare, group_name, group_tables
-from rths_cli.report.input_files import Inputs, Unread
-from rths_cli.report.repeat_statistics import Repeats, repeats, repeats_tables
-from rths_cli.report.report_conflicts import doubled, other_units
+from rths_cli.report.group_comparison import (
+    CaseChanges,
+    Compared,
+    Repeats,
+    against,
+    baseline_blocks,
+    check_keys,
+    compare,
+    group_name,
+    group_tables,
+    repeats,
+    repeats_tables,
+)
+from rths_cli.report.input_files import Inputs, Unread, doubled, other_units
 from rths_cli.report.result_tables import blocks
 from rths_cli.report.sweep_page import page
 from rths_cli.report.text_layout import Block, Fixed, Paragraphs, plain_text

@@ -13,7 +13,7 @@ from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_reader import Result
 from rths_cli.files.result_writer import check_writable, refusal
 from rths_cli.files.sweep_parquet import check_parquet
-from rths_cli.report.baseline_comparison import DEFAULT_PERCENT
+from rths_cli.report.group_comparison import DEFAULT_PERCENT
 from rths_cli.report.input_files import read_inputs
 from rths_cli.report.report_contents import Contents, all_blocks, contents
 from rths_cli.report.result_scale import in_model_scale, reported, scale_words

@@ -9,16 +9,19 @@ from itertools import groupby
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
 from rths_cli.report.answer import verdict
-from rths_cli.report.case_metric_tables import other_figures
-from rths_cli.report.fidelity_table import PERCENT_NOTES, every_figure, merit_table, percent_table
+from rths_cli.report.case_metric_tables import PERCENT_NOTES, every_figure, merit_table, other_figures, percent_table
 from rths_cli.report.numbers import intervals_json, json_value
-from rths_cli.report.paper_claims import claims_tables, claims_text
-from rths_cli.report.paper_tables import response_tables, tracking_tables
+from rths_cli.report.paper_tables import (
+    claims_tables,
+    claims_text,
+    paths,
+    response_tables,
+    single_table,
+    tracking_tables,
+)
 from rths_cli.report.result_scale import scale_json, scale_lines
 from rths_cli.report.results_by_case import SHORT, Entry, Figures, entries, sources, state
-from rths_cli.report.single_case_table import paths, single_table
-from rths_cli.report.table_cells import losses, remarks
-from rths_cli.report.text_layout import Block, Fixed, Paragraphs, plain_text
+from rths_cli.report.text_layout import Block, Fixed, Paragraphs, losses, plain_text, remarks
 
 ABOUT = (
     "case_name", "method", "rig", "rig_kind", "record_name", "scaling", "damping_name", "controller", "seed",

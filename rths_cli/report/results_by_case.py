@@ -1,18 +1,22 @@
-"""Group result files by case and method (`Entry`), and look up their metrics and the published ones."""
+"""Group result files by case and method (`Entry`); look up their metrics, the published ones and the accept limits."""
 
 from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from rths_cli.analysis import grade
+from rths_cli.case.yaml_reader import Source, parse
 from rths_cli.errors import InputError
 from rths_cli.files.raw_log import SUFFIX, read_header
 from rths_cli.files.result_reader import BEGUN, COMPLETE, Result, read_checked, result_files
+from rths_cli.report.result_scale import in_model_scale
 from rths_cli.rigs.description import capabilities_of
 
 Figure = float | Sequence[float | None] | None
@@ -268,3 +272,24 @@ def _order(names: Sequence[str]) -> dict[str, int]:
 
 def _rank(known: Sequence[str], name: str) -> tuple[int, str]:
     return (known.index(name), "") if name in known else (len(known), name)
+
+
+ACCEPT = re.compile(r"^accept:.*\n(?:[ -].*\n)*", re.MULTILINE)
+
+
+def limits_of(result: Result) -> dict[str, float]:
+    """Return the accept limits of a result's case by metric path; raises InputError if they cannot be read."""
+    block = ACCEPT.search(result.resolved_yaml)
+    if block is None:
+        return {}
+    node, faults = parse(block[0], Source(str(result.path), result.path.parent))
+    limits = node.value["accept"].value if node is not None and isinstance(node.value, dict) else None
+    if faults or not isinstance(limits, dict):
+        raise InputError(f"{result.path}: the accept limits stored in it cannot be read; {result.made_anew}")
+    return {path: float(str(limit.value)) for path, limit in limits.items()}
+
+
+def judge(result: Result) -> list[grade.Judged]:
+    """Return the judged accept limits of a result, in model scale; raises InputError if they cannot be read."""
+    stored = in_model_scale(result).metrics
+    return [grade.judge(path, limit, stored.get(grade.figure(path), [])) for path, limit in limits_of(result).items()]

@@ -13,7 +13,7 @@ from rths_cli.report.text_layout import LABEL, WIDTH, labelled
 from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.structure_command import Inspected, Level
+    from rths_cli.laboratory.describe import Inspected, Level
     from rths_cli.numerics.lti import Array
 
 MOST_MODES = 10  # on the page

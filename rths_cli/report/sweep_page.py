@@ -1,31 +1,293 @@
-"""The output of `rths sweep` and `rths report SWEEP`: errors over the seeds of each grid point, failures; text and
-JSON."""
+"""`rths sweep` and `rths report SWEEP` as text and JSON: errors of each grid point, percentiles, failures, Sobol
+indices."""
 
 from __future__ import annotations
 
+import json
+import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rths_cli.files.sweep_file import Sweep
+from rths_cli.errors import InputError
+from rths_cli.files.sweep_file import NEEDED, Figure, Sweep
 from rths_cli.numerics.lti import Array
-from rths_cli.report.numbers import json_value, six_wide
+from rths_cli.quantities.declaration import ENDINGS, typeset
+from rths_cli.report.numbers import json_value, six_wide, three
 from rths_cli.report.result_scale import MODEL, stored_scale
-from rths_cli.report.study_indices import indices_document, indices_text
-from rths_cli.report.sweep_metric import STOREYS, as_text, short_key
-from rths_cli.report.sweep_summary import summary, summary_text
 from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, render, wrapped
 from rths_cli.structure.similitude import factors_text
+from rths_cli.studies.sensitivity import SobolIndices, sobol_indices
+
+STOREYS = "exp_rths.rms_error_m_s2"
+PLAYED = "exp_rths."
+WHOSE = {"exp_rths": "EXP-RTHS:", "check": "predicted:"}
+IN_THOUSANDTHS = {"m/s^2": "mm/s^2", "m": "mm", "s": "ms"}
+
+
+@dataclass(frozen=True)
+class Gridded:
+    """A metric at the grid points of a sweep.
+
+    `values` (n_points, n_seeds) in `unit`, NaN where a run has none; `unfinished` (n_points,): whether a run of the
+    point was refused, aborted or failed.
+    """
+
+    label: str
+    unit: str
+    values: Array
+    unfinished: NDArray[np.bool_]
+    keys: dict[str, list[Any]]  # values (n_points,) by varied key
+
+
+def gridded(sweep: Sweep, metric: str = "") -> Gridded:
+    """Return a metric of a sweep by grid point: of the storey in brackets, from 1, or the largest of all storeys.
+
+    Metrics of EXP-RTHS are those of complete runs. Raises InputError for a metric that the sweep does not hold.
+    """
+    path, _, index = (metric or STOREYS).partition("[")
+    figure = sweep.figures.get(path)
+    if figure is None:
+        raise InputError(f"--metric {metric}: is not in the sweep; known: {', '.join(sweep.figures)}.")
+    values, where = _of_storey(figure.values, metric, index)
+    ended = np.array([status == "complete" for status in sweep.texts["status"]])
+    if path.startswith(PLAYED):
+        values = np.where(ended, values, np.nan)
+    unit = IN_THOUSANDTHS.get(figure.units, figure.units)
+    factor = 1e3 if figure.units in IN_THOUSANDTHS else 1.0
+    shape = (-1, sweep.seeds_per_point)
+    keys = {key: list(found[:: sweep.seeds_per_point]) for key, found in sweep.varied.items()}
+    kept = np.where(np.isfinite(values), factor * values, np.nan).reshape(shape)
+    return Gridded(f"{_in_words(path)}{where}", unit, kept, np.any(~ended.reshape(shape), axis=1), keys)
+
+
+def _in_words(path: str) -> str:
+    """Return the name of a metric as an axis shows it: without its unit, which stands in brackets behind it."""
+    run, _, leaf = path.partition(".")
+    for ending, _ in ENDINGS:
+        head, found, kind = leaf.rpartition(ending)
+        if found and (not kind or kind.startswith("_")):
+            leaf = f"{head}{kind}"
+            break
+    return f"{WHOSE.get(run, run)} {leaf.replace('_', ' ').replace('rms', 'RMS')}"
+
+
+def _of_storey(values: Array, metric: str, index: str) -> tuple[Array, str]:
+    """Return one number per run (n_runs,), and which storey that is in words."""
+    if values.ndim == 1:
+        if index:
+            raise InputError(f"--metric {metric}: is one number, not one per storey; leave out the brackets.")
+        return values, ""
+    if not index:
+        return np.where(np.isnan(values), -np.inf, values).max(axis=1), ", worst storey"
+    count = values.shape[1]
+    storey = index.removesuffix("]")
+    if not storey.isdecimal() or not 1 <= int(storey) <= count:
+        raise InputError(f"--metric {metric}: name a storey from 1 to {count} in the brackets.")
+    return values[:, int(storey) - 1], f", storey {int(storey)}"
+
+
+def named(found: Gridded) -> str:
+    """Return a metric with its unit, as an axis names it."""
+    unit = typeset(found.unit)
+    return f"{found.label} ({unit})" if unit not in ("", "1") else found.label
+
+
+def short_key(key: str, keys: Sequence[str]) -> str:
+    """Return the shortest end of a dotted key that no other key has, and that is not the seed of a run."""
+    parts = key.split(".")
+    ends = (".".join(parts[start:]) for start in range(len(parts) - 1, 0, -1))
+    others = [".seed", *(f".{other}" for other in keys if other != key)]
+    return next((end for end in ends if not any(other.endswith(f".{end}") for other in others)), key)
+
+
+def as_text(value: Any) -> str:
+    """Return a varied value as short text."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else json.dumps(value).replace('"', "")
+
+
+PERCENTILES = (5, 16, 50, 84, 95)
+MOST_METRICS = 10  # printed; with more, those that every sweep has
+COLUMN = 9
+SMALL = 0.01  # below it four decimals are fewer than three digits
+
+
+def summary(sweep: Sweep) -> dict[str, Any]:
+    """Return the summary for JSON.
+
+    `statuses` and `verdicts`: runs and share of all runs; `metrics`: by path the unit, the number of runs that have it,
+    and its percentiles over these, per storey where it has one value for each.
+    """
+    runs = len(sweep.seed)
+    return {
+        "runs": runs,
+        "statuses": _shares(sweep.texts["status"], runs),
+        "verdicts": _shares(sweep.texts.get("verdict", ()), runs),
+        "metrics": {path: _of_metric(figure) for path, figure in sweep.figures.items()},
+    }
+
+
+def percentiles(values: Array) -> Array:
+    """Return PERCENTILES (5, m) of values (n_runs, m) over the runs that have one, NaN where none has.
+
+    Linear between runs; where some are infinite the lower run's.
+    """
+    found = np.full((len(PERCENTILES), values.shape[1]), np.nan)
+    for column, numbers in enumerate(values.T):
+        held = numbers[~np.isnan(numbers)]
+        if held.size:
+            way = "linear" if np.isfinite(held).all() else "lower"
+            found[:, column] = np.percentile(held, PERCENTILES, method=way)  # type: ignore[call-overload]
+    return found
+
+
+def summary_text(sweep: Sweep) -> list[str]:
+    """Return the summary of a study as text, nothing for another sweep."""
+    if not sweep.study_yaml:
+        return []
+    found = summary(sweep)
+    runs = found["runs"]
+    ends = [f"Of {runs} runs: {_shares_text(found['statuses'])}."]
+    verdicts = {name: share for name, share in found["verdicts"].items() if name}
+    ends += [f"Verdict of the check: {_shares_text(verdicts)}."] if verdicts else []
+    whole = len(sweep.figures) <= MOST_METRICS
+    shown = {path: figure for path, figure in sweep.figures.items() if whole or path in NEEDED}
+    heads = tuple(Cell(f"{share} %") for share in PERCENTILES)
+    title = "Percentiles over the runs that have the metric; units as in its name"
+    table = Table(
+        title, "metric", (len(heads),), COLUMN, (heads,),
+        tuple(row for path, figure in shown.items() for row in _summary_rows(path, figure)),
+    )  # fmt: skip
+    more = [] if whole else ["Percentiles of the other metrics: --json."]
+    return ["", *ends, "", render(table), *more]
+
+
+def _summary_rows(path: str, figure: Figure) -> Iterator[Row]:
+    values = figure.values if figure.values.ndim > 1 else figure.values[:, np.newaxis]
+    for place, column in enumerate(percentiles(values).T, 1):
+        storey = f"[{place}]" if figure.values.ndim > 1 else ""
+        yield Row(f"{path}{storey}", tuple(Cell(_shown(one)) for one in column))
+
+
+def _shown(value: float) -> str:
+    """Return a number with three digits at least, "-" for none."""
+    return six_wide(value) if math.isfinite(value) and abs(value) >= SMALL else three(value)
+
+
+def _shares(texts: tuple[str, ...], runs: int) -> dict[str, dict[str, float]]:
+    return {name: {"runs": count, "share": count / runs} for name, count in sorted(Counter(texts).items())}
+
+
+def _shares_text(shares: Mapping[str, Mapping[str, float]]) -> str:
+    return ", ".join(f"{one['runs']} {name} ({100 * one['share']:.3g} %)" for name, one in shares.items())
+
+
+def _of_metric(figure: Figure) -> dict[str, Any]:
+    one = figure.values.ndim == 1
+    values = figure.values[:, np.newaxis] if one else figure.values
+    found = percentiles(values)
+    counts = (~np.isnan(values)).sum(axis=0).tolist()
+    rows = {str(share): [json_value(x) for x in row] for share, row in zip(PERCENTILES, found, strict=True)}
+    return {
+        "units": figure.units,
+        "runs": counts[0] if one else counts,
+        "percentiles": {share: row[0] if one else row for share, row in rows.items()},
+    }
+
+
+INDEX_COLUMN = 20
+
+
+def indexed_keys(sweep: Sweep) -> tuple[str, ...]:
+    """Return the keys of a study that was sampled for Sobol indices, () for another sweep."""
+    if not sweep.study_yaml:
+        return ()
+    from pydantic import ValidationError
+
+    from rths_cli.case.study_schema import StudyKeys, is_sampled
+    from rths_cli.case.yaml_reader import Source, parse, plain
+
+    tree, _ = parse(sweep.study_yaml, Source("study_yaml", Path.cwd()))
+    try:
+        study = StudyKeys.model_validate(plain(tree)) if tree is not None else None
+    except ValidationError:  # of another version of rths
+        study = None
+    if study is None or study.samples is None or study.samples.method != "sobol_indices":
+        return ()
+    return tuple(key for key, axis in study.axes.items() if is_sampled(axis))
+
+
+def indices_of(sweep: Sweep, metric: str = "") -> tuple[Gridded, SobolIndices]:
+    """Return a metric and its Sobol indices over the sampled keys, in the order of `indexed_keys`.
+
+    With several seeds the indices are those of their mean. Raises InputError where the study varies other keys too, a
+    run has no metric, or SALib is not installed.
+    """
+    keys, found = indexed_keys(sweep), gridded(sweep, metric)
+    if others := [key for key in sweep.varied if key not in keys]:
+        raise InputError(f"Sobol indices: the study also varies {', '.join(others)}; fix it, or give a distribution")
+    return found, sobol_indices(found.values.mean(axis=1), len(keys))
+
+
+def indices_text(sweep: Sweep) -> list[str]:
+    """Return the Sobol indices of the error of the worst storey as text, [] for a study without."""
+    if not (keys := indexed_keys(sweep)):
+        return []
+    try:
+        found, indices = indices_of(sweep)
+    except InputError as error:
+        return ["", *error.faults]
+    rows = tuple(
+        Row(short_key(key, keys), (Cell(_index_text(first, off)), Cell(_index_text(total, total_off))))
+        for key, first, off, total, total_off in zip(
+            keys, indices.first, indices.first_error, indices.total, indices.total_error, strict=True
+        )
+    )
+    title = f"Sobol indices of {found.label}{_seeds(sweep)}, with standard errors"
+    heads = (Cell("first order"), Cell("total"))
+    return ["", render(Table(title, "key", (2,), INDEX_COLUMN, (heads,), rows))]
+
+
+def indices_document(sweep: Sweep) -> dict[str, Any]:
+    """Return the Sobol indices of every metric that has them for JSON: by path and key, of each storey."""
+    keys, found = indexed_keys(sweep), {}
+    for path, figure in sweep.figures.items() if keys else ():
+        storeys = [f"{path}[{k}]" for k in range(1, figure.values.shape[1] + 1)] if figure.values.ndim > 1 else [path]
+        for metric in storeys:
+            try:
+                _, indices = indices_of(sweep, metric)
+            except InputError:
+                continue
+            found[metric] = {
+                key: {name: _finite(getattr(indices, name)[place]) for name in SobolIndices.__dataclass_fields__}
+                for place, key in enumerate(keys)
+            }
+    return found
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _index_text(value: float, error: float) -> str:
+    return f"{six_wide(value)} +- {six_wide(error)}"
+
+
+def _seeds(sweep: Sweep) -> str:
+    return f" (mean of {sweep.seeds_per_point} seeds)" if sweep.seeds_per_point > 1 else ""
+
 
 TRACKING = "exp_rths.tracking_rms_m_s2"
 STATISTICS = {"median": 50.0, "95 %": 95.0, "largest": 100.0}
 POINTS_SHOWN = 40
 REASONS_SHOWN = 5
-COLUMN = 9
 MM_PER_M = 1e3
 MOST_STOREYS = (WIDTH - 40) // COLUMN
 

@@ -339,7 +339,7 @@ def told_building(rig: Rig, declared: Building) -> Building | None:
     teller = specimen_known(rig)
     if teller is None:
         return None
-    from rths_cli.rigs.virtual.specimen_laws import specimen_with_laws
+    from rths_cli.rigs.virtual.plant_kernel import specimen_with_laws
 
     try:
         told = specimen_with_laws(*teller.specimen(), STANDARD_GRAVITY_M_S2)

@@ -14,14 +14,15 @@ from typing import Any, cast
 import numpy as np
 
 from rths_cli.case.plugin_interface import (
+    GROUP,
     missing_name,
     not_loaded,
     old_version_sentence,
+    plugin_kinds,
     stated_interface,
     tell_old_names,
     tell_once,
 )
-from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
 from rths_cli.case.storey_law_schema import StoreyLaws, checked_laws
 from rths_cli.errors import InputError, RigError, RthsError
 from rths_cli.numerics.lti import Array

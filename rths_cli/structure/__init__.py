@@ -13,7 +13,11 @@ from rths_cli.structure.building import (
     stiffness_sets,
 )
 from rths_cli.structure.shear_chain import (
+    Building,
+    Numerical,
+    Specimen,
     above_rounding,
+    assemble,
     first_mode_ratio,
     modal_damping_matrix,
     mode_shapes,
@@ -23,7 +27,6 @@ from rths_cli.structure.shear_chain import (
 )
 from rths_cli.structure.similitude import Similitude, similitude_of
 from rths_cli.structure.stiffness_from_frequencies import stiffness_from_frequencies
-from rths_cli.structure.substructures import Building, Numerical, Specimen, assemble
 
 __all__ = [
     "Building",

@@ -12,10 +12,18 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
-from rths_cli.structure.shear_chain import first_mode_ratio, modal_damping_matrix, storey_matrix, storey_values
+from rths_cli.structure.shear_chain import (
+    Building,
+    Numerical,
+    Specimen,
+    assemble,
+    first_mode_ratio,
+    modal_damping_matrix,
+    storey_matrix,
+    storey_values,
+)
 from rths_cli.structure.stiffness_from_frequencies import stiffness_from_frequencies
 from rths_cli.structure.storey_laws import Law, LawSpec, arranged, law_of
-from rths_cli.structure.substructures import Building, Numerical, Specimen, assemble
 
 LIGHTEST_KG = 1e-9  # floor: a microgram
 FASTEST_1_S = 1e11  # of a floor on its own springs and dashpots

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rths_cli.case.scale_schema import ScaleSpec
+    from rths_cli.case.structure_schema import ScaleSpec
 
 DIMENSIONS = {
     "1": (0, 0, 0), "%": (0, 0, 0), "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "Hz": (0, 0, -1),

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.numerics.lti import Array
-from rths_cli.structure.shear_chain import storey_matrix, storey_values
+from rths_cli.structure.shear_chain import Building, Specimen, assemble, storey_matrix, storey_values
 from rths_cli.structure.storey_laws import arranged
-from rths_cli.structure.substructures import Building, Specimen, assemble
 
 LOCKING = 100.0  # critical dashpots 2 sqrt(k m), at which a storey is locked
 

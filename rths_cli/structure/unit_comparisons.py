@@ -17,7 +17,7 @@ from rths_cli.structure.shear_chain import mode_shapes, storey_values
 if TYPE_CHECKING:
     from rths_cli.case.structure_schema import DampingSpec, StructureSpec
     from rths_cli.numerics.lti import Array
-    from rths_cli.structure.substructures import Building
+    from rths_cli.structure.shear_chain import Building
 
 LARGEST_DRIFT_M = 10.0  # of a storey under 1 g sideways; by P-Delta, a storey lower than this drift does not stand
 STIFFEST_HZ = 35.0  # first mode of the whole building; a table that shakes a stiffer one moves like the ground

@@ -18,21 +18,30 @@ from numpy.typing import NDArray
 
 from rths_cli.case.load import PlacedSettings, written_case
 from rths_cli.errors import InputError, RthsError
-from rths_cli.experiment.allocator_settings import keep_freed_memory
 from rths_cli.experiment.model_files import software
 from rths_cli.experiment.provenance import attributes
+from rths_cli.experiment.run_command import keep_freed_memory
 from rths_cli.files.durable_files import claimed, taken_sentence
 from rths_cli.files.existing_files import Kind, check_existing, replaced_sentence
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_file import RowsFile, Sweep, check_csv, read_part, rows_path, write_csv, write_sweep
-from rths_cli.studies.engines import AHEAD, ELSEWHERE, Engine, check_engine, executor_here, play_all, workers_of
+from rths_cli.studies.engines import (
+    AHEAD,
+    ELSEWHERE,
+    Chunk,
+    Engine,
+    PointRows,
+    Work,
+    check_engine,
+    executor_here,
+    play_all,
+    workers_of,
+)
 from rths_cli.studies.grid_points import Points, check_points
-from rths_cli.studies.rows_elsewhere import Chunk, PointRows, Work
-from rths_cli.studies.study_plan import Asked
+from rths_cli.studies.study_plan import Asked, seeds_text
 from rths_cli.studies.sweep_output import Begun, as_line, as_sweep, begin, several_processors, take_rows
 from rths_cli.studies.sweep_runs import Shared, not_ready, play_variant
 from rths_cli.studies.sweep_table import Row, Table, columns
-from rths_cli.studies.varied_keys import seeds_text
 from rths_cli.version import __version__
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rths_cli.analysis.metrics import room_for_pairs
 from rths_cli.errors import InputError, RthsError, crash_note, out_of_memory
-from rths_cli.experiment import residual_drift, run_metrics, true_reference
+from rths_cli.experiment import run_metrics, true_reference
 from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
@@ -27,10 +27,9 @@ from rths_cli.experiment.one_table_run import (
     true_accelerations,
 )
 from rths_cli.experiment.provenance import model_sha256
-from rths_cli.experiment.run_case import acceptance, change_of_residual_drift, sim_of, truth_of
+from rths_cli.experiment.run_case import acceptance, change_of_residual_drift, sim_of, truth_of, why_none, why_unsafe
 from rths_cli.experiment.session import session_key, wants_session_record
 from rths_cli.experiment.setup import building_key, make_setup, motion_key
-from rths_cli.experiment.table_runs_of_case import why_none, why_unsafe
 from rths_cli.loop.run_log import Log, Sizes, empty_log
 from rths_cli.numerics.compiled import processor
 from rths_cli.numerics.shared_values import SharedValues
@@ -41,7 +40,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.case.case_schema import Case
     from rths_cli.experiment.design import Design
-    from rths_cli.experiment.model_choice import Known
+    from rths_cli.experiment.model_choice import IdentifiedModel
     from rths_cli.experiment.one_table_run import RunPlan, Stop
     from rths_cli.experiment.setup import Progress, Setup
     from rths_cli.experiment.true_reference import TrueReference
@@ -138,7 +137,7 @@ class Shared:
     def _memory(self, setup: Setup) -> Memory:
         return self._values.get("memory", _model_key(setup), lambda: Memory(Cache()))
 
-    def _verdict(self, setup: Setup, known: Known, keys: Keys) -> Verdict:
+    def _verdict(self, setup: Setup, known: IdentifiedModel, keys: Keys) -> Verdict:
         self._progress("check")
         values = self._values
         try:
@@ -219,9 +218,9 @@ def _played(ready: Ready, plan: RunPlan, sim: Response, seed: int) -> tuple[Stop
     if run.building is not None and run.series.law_force_n is not None:
         values |= run_metrics.of_laws(RUN, setup.building, run.building.rel_disp_m, run.series.law_force_n)
         if ready.drift_change_m is not None:
-            values |= residual_drift.metrics_of(setup, sim, ready.drift_change_m, values)
+            values |= true_reference.residual_drift_metrics(setup, sim, ready.drift_change_m, values)
     if ready.truth is not None and (accel := true_accelerations(run, setup)) is not None:
-        values |= true_reference.metrics_of(setup, ready.truth, accel, values)
+        values |= true_reference.true_reference_metrics(setup, ready.truth, accel, values)
     return None, values
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rths_cli.analysis.accept_limits import Judged, figure, judge
+from rths_cli.analysis.grade import Judged, figure, judge
 
 
 @pytest.mark.parametrize(

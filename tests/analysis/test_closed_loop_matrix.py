@@ -11,7 +11,7 @@ from bench import DT_S, LINEAR, ideal_info, specimen
 from hybrid import best_like, closed_loop, ground, open_limits, paper_like, true_model
 from open_loop import open_loop, points, rig_as_identified
 
-from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, modes_in_loop, spectral_radius
+from rths_cli.analysis.closed_loop import closed_loop_matrix, modes_in_loop, spectral_radius
 from rths_cli.analysis.identified_rig_block import identified_rig
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.loop.simulated_time_run import play

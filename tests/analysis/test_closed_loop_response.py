@@ -11,9 +11,15 @@ from bench import DT_S, ideal_info, specimen
 from hybrid import best_like, closed_loop, paper_like, reacting, storeys
 from open_loop import OpenLoop, floors_per_table, open_loop, points, rig_as_identified, true_rig
 
-from rths_cli.analysis import closed_loop_matrix as loop_block
-from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
-from rths_cli.analysis.closed_loop_response import LoopResponse, Motion, hybrid, loop_response, on_perfect_table
+from rths_cli.analysis import closed_loop as loop_block
+from rths_cli.analysis.closed_loop import (
+    LoopResponse,
+    Motion,
+    closed_loop_matrix,
+    hybrid,
+    loop_response,
+    on_perfect_table,
+)
 from rths_cli.control import kalman_filter, numerical_substructure
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import Interface

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_sim import paper_building, random_building
 
-from rths_cli.analysis.critical_delay import critical_delay, open_loop, unit_gain_rad_s
+from rths_cli.analysis.closed_loop import critical_delay, open_loop_of_building, unit_gain_rad_s
 from rths_cli.analysis.sim_delay import simulate_delayed
 
 
@@ -30,7 +30,7 @@ def test_half_the_interface_mass_on_the_table_leaves_no_delay() -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_unit_gains_are_those_a_fine_grid_shows(seed: int) -> None:
-    loop = open_loop(random_building(seed))
+    loop = open_loop_of_building(random_building(seed))
     omega = np.geomspace(0.1, 1e4, 12_000)
     size = np.abs(loop.response(omega / (2.0 * np.pi))[0, 0]) - 1.0
     seen = omega[np.flatnonzero(np.diff(np.sign(size)) != 0)]

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rths_cli.analysis.closed_loop_matrix import loop_roots, modes_in_loop
-from rths_cli.analysis.fourier_lines import lines_for
+from rths_cli.analysis.closed_loop import loop_roots, modes_in_loop
+from rths_cli.analysis.fourier_lines import delayed_rms, lines_for
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
-from rths_cli.analysis.sim_fourier_lines import delayed_rms
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.structure import Building, Numerical, Specimen, assemble
 from rths_cli.structure.shear_chain import storey_matrix

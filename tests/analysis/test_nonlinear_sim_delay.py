@@ -11,7 +11,7 @@ import pytest
 from portfolio import parametrize_first
 from test_sim_delay import five_storeys, noise, outputs, paper_building, relative_difference
 
-from rths_cli.analysis.critical_delay import critical_delay, critical_delay_range
+from rths_cli.analysis.closed_loop import critical_delay, critical_delay_range
 from rths_cli.analysis.nonlinear_sim import simulate_with_laws
 from rths_cli.analysis.nonlinear_sim_delay import simulate_delayed_with_laws
 from rths_cli.analysis.sim_delay import DelayedResponse, simulate_delayed

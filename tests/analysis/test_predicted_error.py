@@ -13,12 +13,11 @@ from open_loop import floors_per_table, rig_as_identified, true_rig
 from scipy.signal import dlsim
 from scipy.signal.windows import tukey
 
-from rths_cli.analysis.closed_loop_response import loop_response
-from rths_cli.analysis.few_bits import few_bits
+from rths_cli.analysis.closed_loop import loop_response
 from rths_cli.analysis.fourier_lines import Lines, lines_for
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.metrics import test_band as band_of
-from rths_cli.analysis.predicted_error import CAUSES, Errors, Known, at_once, data_ratio, predict
+from rths_cli.analysis.predicted_error import CAUSES, Errors, PredictionInputs, at_once, data_ratio, few_bits, predict
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control.designed_blocks import Blocks
@@ -104,7 +103,7 @@ def building() -> Building:
 
 
 @cache
-def known(fault: Fault, paper: bool = False, interface_friction: float = 0.0) -> Known:
+def known(fault: Fault, paper: bool = False, interface_friction: float = 0.0) -> PredictionInputs:
     info = bench_info(fault.sample_bits or 16, fault.high_pass_hz)
     blocks = bench_blocks(fault, paper)
     rig, model = rig_as_identified(info)
@@ -113,7 +112,7 @@ def known(fault: Fault, paper: bool = False, interface_friction: float = 0.0) ->
     sim, ground = simulate(building(), DT_S, accel), lines.of_motion(accel, velocity, place)
     f = np.arange(1, 600) * 0.1
     measured = Frf(f, fault.gain * model.sampled_response(f), np.ones(599), np.full(599, 1e-4), 10)
-    return Known(
+    return PredictionInputs(
         loop=loop_response(replace(rig, ripple_m_s2_per_v=0.0), blocks, all_storeys(BELOW, DT_S), lines.z),
         lines=lines,
         model=model,
@@ -209,7 +208,7 @@ def test_rounding_of_samples_to_coarse_bits() -> None:
     assert found == pytest.approx(made, rel=0.4)
 
 
-def small(fault: Fault, size: float) -> Known:
+def small(fault: Fault, size: float) -> PredictionInputs:
     """Return the inputs of a motion of another size, whose zeros lie in the middle of a bit, as in the runs."""
     start = known(fault)
     return replace(start, ground=size * start.ground, sim=size * start.sim, zero_m_s2=np.zeros(3))

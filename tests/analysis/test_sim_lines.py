@@ -6,9 +6,8 @@ import numpy as np
 from bench import specimen
 from hybrid import storeys
 
-from rths_cli.analysis.fourier_lines import lines_for
+from rths_cli.analysis.fourier_lines import lines_for, sim_lines
 from rths_cli.analysis.sim import simulate
-from rths_cli.analysis.sim_fourier_lines import sim_lines
 from rths_cli.structure import Building, assemble
 
 DT_S = 2e-3

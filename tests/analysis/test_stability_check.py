@@ -15,9 +15,7 @@ from open_loop import points, rig_as_identified
 from portfolio import parametrize_first
 from scipy.linalg import block_diag
 
-from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, slow_roots, spectral_radius
-from rths_cli.analysis.closed_loop_response import loop_response
-from rths_cli.analysis.critical_delay import CriticalDelay
+from rths_cli.analysis.closed_loop import CriticalDelay, closed_loop_matrix, loop_response, slow_roots, spectral_radius
 from rths_cli.analysis.fourier_lines import Lines
 from rths_cli.analysis.identified_rig_block import IdentifiedRig
 from rths_cli.analysis.stability_check import (

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import StateSpace, butter, lsim, sosfiltfilt
 
-from rths_cli.analysis.fourier_lines import lines_for
+from rths_cli.analysis.fourier_lines import lines_for, sim_lines
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.metrics import test_band as in_band
-from rths_cli.analysis.sim_fourier_lines import sim_lines
 from rths_cli.analysis.true_error import (
     MeasuredError,
     OwnError,

@@ -10,9 +10,8 @@ import pytest
 
 from rths_cli.case.calibration_schema import CalibrationSpec
 from rths_cli.case.case_schema import CaseKeys
-from rths_cli.case.file_kinds import TELLING, is_record, kind_of, written_by_rths
 from rths_cli.case.load import load_cases
-from rths_cli.case.named_files import find, known, known_files
+from rths_cli.case.named_files import TELLING, find, is_record, kind_of, known, known_files, written_by_rths
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_schema import NiRigSpec, UdpRigSpec, VirtualRigSpec
 from rths_cli.case.shipped_files import FOLDERS, shipped

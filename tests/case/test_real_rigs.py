@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from rths_cli.case import plugin_rig_names
+from rths_cli.case import plugin_interface
 from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.case.rig_schema import (
     ChannelSpec,
@@ -53,8 +53,8 @@ def plugged(monkeypatch: pytest.MonkeyPatch):
     """Install entry points of the group by name and value."""
 
     def plug(*pairs: tuple[str, str]) -> None:
-        points = [EntryPoint(name, value, plugin_rig_names.GROUP) for name, value in pairs]
-        monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points if group == "rths.rigs" else [])
+        points = [EntryPoint(name, value, plugin_interface.GROUP) for name, value in pairs]
+        monkeypatch.setattr(plugin_interface, "entry_points", lambda group: points if group == "rths.rigs" else [])
 
     return plug
 

@@ -13,8 +13,7 @@ from rths_cli.case.json_schema import MODELS, schema
 from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.case.rig_schema import VirtualRigSpec
 from rths_cli.case.shipped_files import shipped
-from rths_cli.case.yaml_reader import read_file
-from rths_cli.case.yaml_tree import plain
+from rths_cli.case.yaml_reader import plain, read_file
 
 CONFIGS = shipped("cases")
 FOLDERS = {"case": "cases", "structure": "structures", "rig": "rigs", "reference": "references"}

@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rths_cli.case.load import load_cases
-from rths_cli.case.yaml_reader import MAX_BYTES, dump, dump_in_python, parse, read_file
-from rths_cli.case.yaml_tree import Fault, Source, plain
+from rths_cli.case.yaml_reader import MAX_BYTES, Fault, Source, dump, dump_in_python, parse, plain, read_file
 from rths_cli.errors import InputError
 
 HERE = Source("a.yaml", Path("."))

@@ -69,7 +69,7 @@ made = Accelerogram(0.01, np.sin(np.arange(600.0)), "made", "made", "m/s^2", "on
 response_spectrum(prepare(made, 1.0, 200.0), [1.0])
 """
     modules = imported(code)
-    assert "rths_cli.numerics.driven_modes" in modules and not heavy(modules, ("numba", "matplotlib", "rich"))
+    assert "rths_cli.numerics.lti" in modules and not heavy(modules, ("numba", "matplotlib", "rich"))
 
 
 def test_a_building_with_stated_dashpots_is_made_without_scipy() -> None:
@@ -146,7 +146,7 @@ def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...
     unused = ("matplotlib", "rich", "control", "pandas", "asyncio")
     unused += (
         "rths_cli.identification.identify",
-        "rths_cli.files.imported_models",
+        "rths_cli.files.foreign_models",
         "rths_cli.experiment.identify_on_rig",
     )
     assert "rths_cli.experiment.model_choice" in modules and not heavy(modules, unused)
@@ -157,6 +157,6 @@ def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...
 )
 def test_what_exists_is_shown_without_numba(words: tuple[str, ...], warm: Path) -> None:
     modules = imported("", *words, cwd=warm)
-    shown = {"report": "rths_cli.report.result_tables", "export": "rths_cli.report.export.export_command"}
-    assert shown.get(words[0], "rths_cli.experiment.ground_motion_list") in modules
+    shown = {"report": "rths_cli.report.result_tables", "export": "rths_cli.report.export_files"}
+    assert shown.get(words[0], "rths_cli.laboratory.listing") in modules
     assert not heavy(modules, ("numba", "llvmlite", "rths_cli.numerics.compiled"))

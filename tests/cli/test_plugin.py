@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from slow_table import slow_table
 
-from rths_cli.case import plugin_rig_names
+from rths_cli.case import plugin_interface
 from rths_cli.cli import entry_point
-from rths_cli.experiment import plugin_command
+from rths_cli.laboratory import plugin
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -24,7 +24,7 @@ Call = Callable[..., tuple[int, str, str]]
 def rths(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Call:
     """Return the command line in a process in which the example of a rig package is installed."""
     slow_table(monkeypatch)
-    monkeypatch.setattr(plugin_command, "entry_points", lambda group: plugin_rig_names.entry_points(group))
+    monkeypatch.setattr(plugin, "entry_points", lambda group: plugin_interface.entry_points(group))
     monkeypatch.chdir(tmp_path)
 
     def call(*words: str) -> tuple[int, str, str]:
@@ -42,7 +42,7 @@ def installed(monkeypatch: pytest.MonkeyPatch, make: Any) -> None:
     module.make, module.RTHS_INTERFACE = make, 2  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "shaker_package", module)
     points = {"rths.rigs": [EntryPoint("shaker", "shaker_package:make", "rths.rigs")]}
-    monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points.get(group, []))
+    monkeypatch.setattr(plugin_interface, "entry_points", lambda group: points.get(group, []))
 
 
 def test_the_example_keeps_the_contract_and_the_verdict_stands_first(rths: Call) -> None:

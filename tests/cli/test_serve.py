@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from portfolio import parametrize_first
 
-from rths_cli.experiment.serve_command import describe
+from rths_cli.laboratory.serve import describe
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
 pytestmark = [

@@ -9,8 +9,7 @@ import pytest
 from bench import LINEAR, held, linear_table, rig_info, specimen
 from hybrid import best_like, closed_loop, storeys, true_model
 
-from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, spectral_radius
-from rths_cli.analysis.closed_loop_response import loop_response
+from rths_cli.analysis.closed_loop import closed_loop_matrix, loop_response, spectral_radius
 from rths_cli.analysis.identified_rig_block import identified_rig
 from rths_cli.control.numerical_substructure import all_storeys
 from rths_cli.control.sensor_correction import correction

@@ -14,7 +14,7 @@ from bench import DT_S, ideal_info, specimen
 from hybrid import best_like, paper_like, true_model
 from open_loop import rig_as_identified
 
-from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, open_loop
+from rths_cli.analysis.closed_loop import closed_loop_matrix, open_loop
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.margins import margins

@@ -9,7 +9,7 @@ import pytest
 COUNT = """
 import resource
 import numpy as np
-from rths_cli.experiment.allocator_settings import keep_freed_memory
+from rths_cli.experiment.run_command import keep_freed_memory
 {keep}
 def given():
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from portfolio import parametrize_first
 
-from rths_cli.analysis.predicted_error import Known
+from rths_cli.analysis.predicted_error import PredictionInputs
 from rths_cli.analysis.sim import Response, simulate
 from rths_cli.case.load import load_cases
-from rths_cli.experiment import error_budget_metrics
+from rths_cli.experiment import run_metrics
 from rths_cli.experiment.check import judge
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
@@ -20,7 +20,7 @@ from rths_cli.experiment.run_signals import Series, on_record_clock, whole_build
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.loop.realtime_loop import IN_RAMP_DOWN, IN_RUN
 from rths_cli.quantities import Values
-from rths_cli.report.error_budget_table import budget_text
+from rths_cli.report.case_metric_tables import budget_text
 
 FLOORS = 2
 FIGURES = {
@@ -35,7 +35,7 @@ class Ran:
     """A virtual run, and what its budget is made of."""
 
     setup: Setup
-    known: Known
+    known: PredictionInputs
     series: Series
     sim: Response
 
@@ -44,7 +44,7 @@ class Ran:
         kept, n = self.series, lost.size
         told = {"late_s": np.zeros(n), "exchange_s": np.zeros(n), "state": np.full(n, float(IN_RUN)), "lost": lost}
         series = replace(kept, measured=kept.measured if measured is None else measured, live=told | live)
-        return error_budget_metrics.of_exp_rths(self.known, series, self.reported(series), self.sim)[0]
+        return run_metrics.of_exp_rths(self.known, series, self.reported(series), self.sim)[0]
 
     def reported(self, series: Series) -> np.ndarray:
         case, motion = self.setup.case, self.setup.motion

@@ -13,9 +13,9 @@ import yaml
 from rths_cli import api
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
-from rths_cli.experiment.calibrate_command import CalibrateRequest, CalibrationMade, Question, calibrate_rig
-from rths_cli.experiment.rig_access import open_virtual
+from rths_cli.experiment.real_rig_readiness import open_virtual
 from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.laboratory.calibrate import CalibrateRequest, CalibrationMade, Question, calibrate_rig
 
 GAIN, WEIGHED_WRONG = (0.015, -0.008, 0.006, 0.013), (0.0005, -0.002)  # hidden; the last gain: displacement sensor
 SENSOR = """\

@@ -17,8 +17,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.cli import cli
 from rths_cli.errors import InputError
 from rths_cli.experiment.check import judge
-from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.feedback_choice import DEFAULT
+from rths_cli.experiment.design import DEFAULT, design_blocks
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import load, save
 from rths_cli.experiment.setup import Setup, make_setup

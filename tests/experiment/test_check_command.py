@@ -15,10 +15,9 @@ from watched_references import watch_references
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RigError
-from rths_cli.experiment import check, check_command, identify_on_rig, rig_access
-from rths_cli.experiment.check_command import Checked
-from rths_cli.experiment.check_metrics import REACH
-from rths_cli.experiment.model_choice import Known, Memory
+from rths_cli.experiment import check, check_command, identify_on_rig, real_rig_readiness
+from rths_cli.experiment.check_command import REACH, Checked
+from rths_cli.experiment.model_choice import IdentifiedModel, Memory
 from rths_cli.experiment.model_files import save
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import Setup, make_setup
@@ -69,7 +68,7 @@ def no_rig(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("a rig was opened")
 
-    for module in (identify_on_rig, rig_access):
+    for module in (identify_on_rig, real_rig_readiness):
         monkeypatch.setattr(module, "open_rig", refuse)
 
 
@@ -174,7 +173,7 @@ def test_a_rig_that_cannot_be_identified_makes_a_case_unsafe(monkeypatch: pytest
 @pytest.mark.campaign
 def test_a_rejected_model_is_a_reason_unless_overridden(default_identification: Identification) -> None:
     verdict = replace(default_identification.verdict, accepted=False, reasons=("made up",))
-    known = Known(replace(default_identification, verdict=verdict), "made up")
+    known = IdentifiedModel(replace(default_identification, verdict=verdict), "made up")
     memory = SimpleNamespace(at_rest=lambda *_: known)
     found = check_command.check_case(setup_of(), memory, nothing)  # type: ignore[arg-type]
     assert found.verdict == "unsafe" and "made up" in found.reasons[0] and "--override model" in found.reasons[0]
@@ -191,7 +190,7 @@ def test_a_controller_that_a_rejected_model_leaves_none_is_no_reason_of_its_own(
 
     monkeypatch.setattr(check_command, "design_blocks", refuse)
     verdict = replace(default_identification.verdict, accepted=False, reasons=("made up",))
-    known = Known(replace(default_identification, verdict=verdict), "made up")
+    known = IdentifiedModel(replace(default_identification, verdict=verdict), "made up")
     memory = SimpleNamespace(at_rest=lambda *_: known)
     (reason,) = check_command.check_case(setup_of(), memory, nothing).reasons  # type: ignore[arg-type]
     assert "made up" in reason and "controller" not in reason
@@ -271,7 +270,7 @@ def test_a_building_as_identified_without_a_sim_is_unsafe_and_no_fault_of_the_ca
         raise InputError("SIM: its storeys are too unlike")
 
     watch_references(monkeypatch, check, unsolved)
-    verdict = check_command.verdict_on(default_setup, Known(default_identification, "made up"))
+    verdict = check_command.verdict_on(default_setup, IdentifiedModel(default_identification, "made up"))
     others = [path for path in verdict.figures if not path.startswith((*OF_GUARD, "check.shake_table_"))]
     assert (verdict.verdict, others) == ("unsafe", [])
     assert verdict.reasons == ("the building as identified: SIM: its storeys are too unlike",)

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from rths_cli.analysis.identified_rig_block import identified_rig
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.metrics import test_band as in_test_band
-from rths_cli.analysis.predicted_error import Known
+from rths_cli.analysis.predicted_error import PredictionInputs
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
@@ -139,7 +139,7 @@ def test_a_specimen_whose_laws_sim_cannot_follow_is_expected_as_its_linear_equiv
     assert found.expected_m_s2.tolist() == linear.expected_m_s2.tolist()
 
 
-def of_the_default(setup: Setup, identified: Identification) -> Known:
+def of_the_default(setup: Setup, identified: Identification) -> PredictionInputs:
     specimen = identified.specimen.specimen
     rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors)
     storeys = all_storeys(setup.building.numerical, setup.rig.dt_s)

@@ -15,15 +15,22 @@ from rths_cli.case.load import load_cases
 from rths_cli.control.numerical_substructure import interface
 from rths_cli.errors import InputError
 from rths_cli.experiment import run_metrics
-from rths_cli.experiment.check import Judged, as_identified, judge, preflight_of
-from rths_cli.experiment.check_metrics import check_figures
-from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.loop_stability_of_case import loop_stability
-from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
+from rths_cli.experiment.check import (
+    Judged,
+    TangentVerdict,
+    as_identified,
+    faults_at_tangents,
+    judge,
+    preflight_of,
+    stated_ends,
+    tangent_verdicts,
+)
+from rths_cli.experiment.check_command import check_figures
+from rths_cli.experiment.design import design_blocks, loop_stability
 from rths_cli.experiment.one_table_run import HYBRID_TEST, plan_run, play_run, run_of
 from rths_cli.experiment.run_case import sim_of
+from rths_cli.experiment.run_metrics import lowest_reliable_hz
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.tangent_verdicts import TangentVerdict, faults_at_tangents, stated_ends, tangent_verdicts
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.structure import storey_values

@@ -13,14 +13,13 @@ from portfolio import parametrize_first
 from rths_cli.analysis.predicted_error import predict
 from rths_cli.analysis.stability_check import SAFE
 from rths_cli.case.load import load_cases
-from rths_cli.control.part_designs import PartDesign
+from rths_cli.control.interface import PartDesign
 from rths_cli.errors import InputError
-from rths_cli.experiment import design_choice
+from rths_cli.experiment import check_command
 from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.check import changed_specimen_error, judge, stiffness_uncertainty
-from rths_cli.experiment.check_command import check_cases, verdict_on
+from rths_cli.experiment.check_command import check_cases, choose_design, verdict_on
 from rths_cli.experiment.design import Design, design_blocks
-from rths_cli.experiment.design_choice import choose_design
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
@@ -136,7 +135,7 @@ def test_a_filter_that_a_damaged_specimen_makes_unstable_is_not_chosen(
     memory: Memory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All filters that trust the specimen are unstable at 0.7 of its stiffness; then the reaction is countered."""
-    monkeypatch.setattr(design_choice, "KNOWN_RANGE", (0.7, 1.0))
+    monkeypatch.setattr(check_command, "KNOWN_RANGE", (0.7, 1.0))
     found = designed(memory, *COARSE)
     assert found.chosen_filter is None and found.blocks.counters_reaction
 
@@ -242,7 +241,7 @@ def test_a_loop_that_is_not_safe_with_another_specimen_is_judged_without(
     default_identification: Identification, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Thirty times as stiff, to have one: without the reaction the table's response is taken as it was identified."""
-    monkeypatch.setattr(design_choice, "REACTION_RANGE", (30.0, 1.0))
+    monkeypatch.setattr(check_command, "REACTION_RANGE", (30.0, 1.0))
     words = "controller={{kind: FF+FB, command_weight: 0.0047, reaction_feedforward: {}}}"
     automatic, off = (
         make_setup(load_cases(["el_centro_bare_ff_fb"], (words.format(key),))[0]) for key in ("automatic", "false")

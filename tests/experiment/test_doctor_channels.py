@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
-from rths_cli.experiment.doctor_channels import (
+from rths_cli.experiment.real_rig_readiness import AtRest
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.laboratory.doctor_rig import (
     ChannelsExamined,
     Comparison,
     comparisons,
@@ -18,8 +20,6 @@ from rths_cli.experiment.doctor_channels import (
     first_signs,
     motion,
 )
-from rths_cli.experiment.real_rig_readiness import AtRest
-from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.report.doctor_page import channels_document, channels_page
 
 FURTHER = """[

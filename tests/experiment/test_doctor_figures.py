@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
-from rths_cli.experiment import doctor_command
-from rths_cli.experiment import doctor_command as machine_module
-from rths_cli.experiment.doctor_command import Examined, Machine, RigRates, advice, examine, preemption, this_machine
-from rths_cli.experiment.doctor_request import DoctorRequest, examine_request
 from rths_cli.files.machine_rates import RateMeasured, delay_summary, held_rate
+from rths_cli.laboratory import doctor
+from rths_cli.laboratory import doctor as machine_module
+from rths_cli.laboratory.doctor import Examined, Machine, RigRates, advice, examine, preemption, this_machine
+from rths_cli.laboratory.doctor_request import DoctorRequest, examine_request
 from rths_cli.loop.scheduling import Granted
 from rths_cli.report.doctor_page import document, page
 
@@ -70,7 +70,7 @@ def test_a_machine_has_an_eighth_of_an_interval_to_wake_up_a_rig_half_of_one_to_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Later than an eighth no command leaves (loop.realtime.PUNCTUAL)."""
-    monkeypatch.setattr(doctor_command, "wake_up_delays", lambda hz, seconds: delays(*[130] * 20))
+    monkeypatch.setattr(doctor, "wake_up_delays", lambda hz, seconds: delays(*[130] * 20))
     found = examine((500.0, 1000.0), (), 0.1, lambda _: None, "lab", lambda hz, seconds: delays(*[400] * 20))
     assert [rate.held for rate in found.rates] == [True, False]
     assert found.rig is not None and [rate.held for rate in found.rig.rates] == [True, True]

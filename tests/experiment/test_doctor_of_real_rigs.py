@@ -16,11 +16,11 @@ from serving_bench import Running, leave_out_punctuality
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment import real_rig_readiness
-from rths_cli.experiment.doctor_channels import ChannelsExamined
-from rths_cli.experiment.doctor_request import DoctorRequest, channels_request
-from rths_cli.experiment.rig_access import PROBE, open_virtual
-from rths_cli.experiment.serve_command import describe
+from rths_cli.experiment.real_rig_readiness import PROBE, open_virtual
 from rths_cli.experiment.setup import make_setup
+from rths_cli.laboratory.doctor_request import DoctorRequest, channels_request
+from rths_cli.laboratory.doctor_rig import ChannelsExamined
+from rths_cli.laboratory.serve import describe
 from rths_cli.report.doctor_page import channels_page
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig
 

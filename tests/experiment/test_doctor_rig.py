@@ -12,12 +12,12 @@ import pytest
 from serving_bench import Running
 
 from rths_cli.errors import RigError
-from rths_cli.experiment import doctor_rig_test
-from rths_cli.experiment.doctor_rig_test import exchange_delays, paced_delays
-from rths_cli.experiment.serve_command import describe
+from rths_cli.laboratory import doctor_rig
+from rths_cli.laboratory.doctor_rig import exchange_delays, paced_delays
+from rths_cli.laboratory.serve import describe
 from rths_cli.loop import udp_target
 from rths_cli.rigs.udp import packets
-from rths_cli.rigs.udp.key_file import make_secret
+from rths_cli.rigs.udp.session import make_secret
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),
@@ -64,7 +64,7 @@ def test_the_exchange_over_udp_is_measured_and_the_table_stays_at_rest(
     make_secret(tmp_path / "key")
     served = describe("aps400_virtual", "three_storey", ("sample_rate_hz=200",), 0)
     running = Running(served, tmp_path / "key")
-    monkeypatch.setattr(doctor_rig_test, "open_rig", lambda *_: running.rig())
+    monkeypatch.setattr(doctor_rig, "open_rig", lambda *_: running.rig())
     try:
         late = exchange_delays(served.setup.case)(200.0, 0.2)
         assert late.shape == (40,) and (late > 0).all()
@@ -81,7 +81,7 @@ def test_a_target_that_stops_ends_the_measurement(tmp_path: Path, monkeypatch: p
     served = describe("aps400_virtual", "three_storey", ("sample_rate_hz=200",), 0)
     running = Running(served, tmp_path / "key")
     rig = running.rig()
-    monkeypatch.setattr(doctor_rig_test, "open_rig", lambda *_: rig)
+    monkeypatch.setattr(doctor_rig, "open_rig", lambda *_: rig)
     armed = rig.arm
 
     def arm_and_fail() -> np.ndarray:

@@ -17,18 +17,18 @@ from portfolio import parametrize_first
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.case.load import load_cases
 from rths_cli.errors import RigError
-from rths_cli.experiment import table_runs_on_real_rig
+from rths_cli.experiment import real_stage
 from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import key
 from rths_cli.experiment.one_table_run import AFTER_S, BEFORE_S
-from rths_cli.experiment.rig_access import EXP_RTHS, open_virtual
+from rths_cli.experiment.real_rig_readiness import EXP_RTHS, open_virtual
+from rths_cli.experiment.real_stage import RealStage
 from rths_cli.experiment.run_case import run_case
-from rths_cli.experiment.sensor_drift_report import as_read, as_stored, drift_of, expected_of, sensitivities, sentences
+from rths_cli.experiment.run_metrics import lowest_reliable_hz
+from rths_cli.experiment.run_signals import as_read, as_stored, drift_of, expected_of, sensitivities, sentences
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs_on_real_rig import RealStage
 from rths_cli.files.result_reader import read_result, read_series
 from rths_cli.loop import guard
 from rths_cli.loop.block_replay import run_block
@@ -115,7 +115,7 @@ def test_the_file_of_a_real_run_has_the_errors_of_the_true_floors_and_names_the_
     rig = DriftingRig(open_virtual(setup, (EXP_RTHS,), 0), [0.0, 5e-3, 5e-3], [0.0, 0.0, 3.0 * MV_PER_MIN], [jump])
     real = replace(setup, rig=replace(setup.rig, kind="made up"), overrides=("check", "model"))
     asked = Memory(known={key(real): known})
-    monkeypatch.setattr(table_runs_on_real_rig, "open_rig", lambda *_: rig)
+    monkeypatch.setattr(real_stage, "open_rig", lambda *_: rig)
     stage = RealStage(lambda label, view: False)
     try:
         ended = run_case(real, tmp_path / "a.h5", asked, "rths run", lambda _: None, stage=stage)

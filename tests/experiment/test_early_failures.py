@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError, RigError
-from rths_cli.experiment import run_command, table_runs_on_real_rig
+from rths_cli.experiment import real_stage, run_command
 from rths_cli.experiment.one_table_run import after_the_record, why_ended
 from rths_cli.experiment.run_case import Ended
 from rths_cli.experiment.run_command import run_one
@@ -28,7 +28,7 @@ def setup(kind: str = "udp") -> Any:
 
 
 def ran(path: Path, monkeypatch: pytest.MonkeyPatch, act: Any, ask: Any = lambda *_: None) -> Ended:
-    monkeypatch.setattr(table_runs_on_real_rig, "ask_the_rig", ask)
+    monkeypatch.setattr(real_stage, "ask_the_rig", ask)
     monkeypatch.setattr(run_command, "run_case", lambda setup, path, *_: act(path))
     monkeypatch.setattr(run_command, "before_error", lambda setup, error: (str(error),))
     watcher: Any = SimpleNamespace(moving=None)

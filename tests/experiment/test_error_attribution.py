@@ -8,8 +8,8 @@ from campaigns.budget_causes import CAUSES, Named, Switched, named_causes
 from portfolio import parametrize_first
 
 from rths_cli.analysis.error_attribution import Cause
-from rths_cli.experiment.error_budget_metrics import told_causes
 from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.run_metrics import told_causes
 
 SAMPLE = (
     "Coulomb friction x10", "specimen's masses +1 %", "gain of the table +0.5 %", "command 100 us late",

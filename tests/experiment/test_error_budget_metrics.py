@@ -22,7 +22,7 @@ from rths_cli.analysis.metrics import test_band as band_of
 from rths_cli.analysis.predicted_error import friction_samples
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
-from rths_cli.experiment import error_budget_metrics
+from rths_cli.experiment import run_metrics
 from rths_cli.experiment.check import judge
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
@@ -53,7 +53,7 @@ def budget_of(
     reported = whole_building(setup.building, series, setup.motion.accel_m_s2, dt, setup.case.integration)[2]
     sim = simulate(setup.building, dt, setup.motion.accel_m_s2)
     known = judge(setup, believed or identified, design).known
-    found, _ = error_budget_metrics.of_exp_rths(known, series, reported, sim)
+    found, _ = run_metrics.of_exp_rths(known, series, reported, sim)
     return found, sim.abs_accel_m_s2 - reported
 
 
@@ -204,4 +204,4 @@ def test_a_run_that_was_cut_or_a_loop_that_is_unstable_has_no_budget(memory: Mem
     identified = memory.identify(setup, lambda _: None)
     design = design_blocks(setup, identified)
     assert judge(setup, identified, design).known is None
-    assert error_budget_metrics.of_exp_rths(None, None, np.zeros((3, 10)), None) == ({}, ())  # type: ignore[arg-type]
+    assert run_metrics.of_exp_rths(None, None, np.zeros((3, 10)), None) == ({}, ())  # type: ignore[arg-type]

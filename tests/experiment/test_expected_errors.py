@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rths_cli.analysis.true_error import TrueError
-from rths_cli.experiment.expected_errors import disagreement, metrics_of
+from rths_cli.experiment.true_reference import disagreement, expected_error_metrics
 
 
 def values(measured: list[float], expected: list[float], percent: float = 2.0) -> dict[str, object]:
@@ -15,7 +15,7 @@ def values(measured: list[float], expected: list[float], percent: float = 2.0) -
         "exp_rths.rms_error_m_s2": np.array(measured),
         "exp_rths.nrmse_percent": percent * np.array(measured) / max(measured),
     }
-    return found | dict(metrics_of(None, found))
+    return found | dict(expected_error_metrics(None, found))
 
 
 def test_what_the_check_expected_is_not_told_again() -> None:
@@ -34,5 +34,5 @@ def test_the_storey_that_is_farthest_off_is_told() -> None:
 def test_the_rank_of_a_true_error_is_its_probability() -> None:
     drawn = np.column_stack([np.arange(1000.0), 2.0 * np.arange(1000.0)])
     predicted = TrueError(*(np.zeros(2) for _ in range(3)), None, drawn)
-    found = metrics_of(predicted, {"exp_rths.true_reference_rms_error_m_s2": np.array([250.0, 250.0])})
+    found = expected_error_metrics(predicted, {"exp_rths.true_reference_rms_error_m_s2": np.array([250.0, 250.0])})
     assert np.asarray(found["exp_rths.true_error_rank"]) == pytest.approx([0.25, 0.125])

@@ -10,17 +10,15 @@ import numpy as np
 import pytest
 from portfolio import parametrize_first
 
-from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
+from rths_cli.analysis.closed_loop import closed_loop_matrix
 from rths_cli.analysis.identified_rig_block import identified_rig
 from rths_cli.case.load import load_cases
 from rths_cli.control import feedback
 from rths_cli.control.feedback import DEFAULT, Weights
 from rths_cli.errors import InputError
-from rths_cli.experiment import feedback_choice
+from rths_cli.experiment import design
 from rths_cli.experiment.case_warnings import of_case
-from rths_cli.experiment.design import Design, design_blocks
-from rths_cli.experiment.feedback_choice import FIRMER, Chosen
-from rths_cli.experiment.loop_stability_of_case import loop_faults
+from rths_cli.experiment.design import FIRMER, Chosen, Design, design_blocks, loop_faults
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.result_contents import design_figures
 from rths_cli.experiment.setup import Setup, make_setup
@@ -151,14 +149,14 @@ class Tries:
 
 def test_firmer_feedbacks_are_tried_before_gentler_ones() -> None:
     tries = Tries()
-    assert feedback_choice.first_safe(tries.make, lambda _: ["no"], 1.5) is None
+    assert design.first_safe(tries.make, lambda _: ["no"], 1.5) is None
     limits = [1.5] * 4 + [1.2] * 4 + [1.1] * 4 + [1.05] * 4
     assert tries.asked == list(zip(FIRMER * 4, limits, strict=True))
 
 
 def test_the_first_safe_one_is_taken() -> None:
     tries = Tries()
-    found = feedback_choice.first_safe(
+    found = design.first_safe(
         tries.make, lambda one: [] if one.sensitivity_peak < 1.3 and one.of != DEFAULT else ["no"], 1.5
     )
     assert found is not None
@@ -168,7 +166,7 @@ def test_the_first_safe_one_is_taken() -> None:
 @pytest.mark.parametrize(("below", "limits"), [(np.inf, [1.5]), (1.3, [1.5, 1.2])])
 def test_a_feedback_of_no_use_is_not_made_gentler(below: float, limits: list[float]) -> None:
     tries = Tries(FIRMER[1], below)
-    assert feedback_choice.first_safe(tries.make, lambda _: ["no"], 1.5) is None
+    assert design.first_safe(tries.make, lambda _: ["no"], 1.5) is None
     assert [limit for weights, limit in tries.asked if weights == FIRMER[1]] == limits
 
 
@@ -176,8 +174,8 @@ def test_a_feedback_of_no_use_is_not_made_gentler(below: float, limits: list[flo
 def test_where_no_choice_is_safe_the_usual_feedback_and_its_refusal_stay(
     bare: Identification, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(feedback_choice, "FIRMER", (DEFAULT,))
-    monkeypatch.setattr(feedback_choice, "HALVINGS", 1)
+    monkeypatch.setattr(design, "FIRMER", (DEFAULT,))
+    monkeypatch.setattr(design, "HALVINGS", 1)
     setup = bare_setup()
     found = design_blocks(setup, bare)
     stated = design_blocks(bare_setup("{kind: FF+FB, command_weight: 0.01}"), bare)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
-from rths_cli.control.part_designs import PartDesign
+from rths_cli.control.interface import PartDesign
 from rths_cli.errors import InputError
 from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.design import design_blocks

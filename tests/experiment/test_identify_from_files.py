@@ -20,8 +20,7 @@ from portfolio import parametrize_first
 from rths_cli.case.load import load_cases
 from rths_cli.cli import entry_point
 from rths_cli.errors import InputError
-from rths_cli.experiment.identify_command import Asked, make_model
-from rths_cli.experiment.identify_from_files import DataRequest, read_measured, read_roles
+from rths_cli.experiment.identify_command import Asked, DataRequest, make_model, read_measured, read_roles
 from rths_cli.experiment.model_files import load
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.measured_data import Recording, read_recording, write_recording

@@ -16,7 +16,7 @@ import rths_cli
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.identify_on_rig import excite
-from rths_cli.experiment.rig_access import guard_limits
+from rths_cli.experiment.real_rig_readiness import guard_limits
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification import excitation
 from rths_cli.identification.identify import identify as evaluate

@@ -12,7 +12,7 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.result_contents import design_figures
 from rths_cli.experiment.setup import make_setup
-from rths_cli.report.latency_table import ITEMS, latency_text
+from rths_cli.report.case_metric_tables import ITEMS, latency_text
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

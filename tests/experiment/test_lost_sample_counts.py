@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rths_cli.experiment.lost_sample_counts import as_figures, longest_run, losses_of, of_live
+from rths_cli.experiment.lost_samples import longest_run, losses_of, lost_sample_metrics, of_live
 
 DT_S = 1e-3
 
@@ -25,7 +25,7 @@ def test_lost_and_overrun_steps_are_counted_apart_and_the_longest_gap_holds_both
     late[40] = 7e-3  # where the record waits nothing is caught up
     found = losses_of(lost, late, DT_S)
     assert (found.overrun, found.longest_gap_s) == (4, pytest.approx(7e-3))
-    assert as_figures("exp_rths", found)["exp_rths.overrun_steps"] == 4
+    assert lost_sample_metrics("exp_rths", found)["exp_rths.overrun_steps"] == 4
 
 
 def test_nothing_lost_and_no_log_of_it() -> None:

@@ -7,9 +7,9 @@ import pytest
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.identify_on_rig import Measured, evaluated, measure, probed
-from rths_cli.experiment.model_datasets import from_groups, to_groups
+from rths_cli.experiment.model_files import from_groups, to_groups
 from rths_cli.experiment.model_verification import compared, low_level_record
-from rths_cli.experiment.rig_access import VERIFICATION
+from rths_cli.experiment.real_rig_readiness import VERIFICATION
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.inputs import level_ratio
 from rths_cli.identification.results import Identification

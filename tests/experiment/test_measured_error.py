@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import StateSpace, lsim
 
-from rths_cli.experiment.measured_error import loop_error, loop_error_lines, residual_of_computed_storeys
+from rths_cli.experiment.error_after_run import loop_error, loop_error_lines, residual_of_computed_storeys
 from rths_cli.structure import Building, Numerical, Specimen, assemble, modal_damping_matrix, storey_matrix
 from rths_cli.structure.tangents import with_specimen
 

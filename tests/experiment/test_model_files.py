@@ -20,13 +20,12 @@ import pytest
 from declared_contents import model_faults
 from portfolio import parametrize_first
 
-from rths_cli.case import plugin_rig_names
+from rths_cli.case import plugin_interface
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.experiment import identify_on_rig, model_files
-from rths_cli.experiment.model_choice import Known, Memory
-from rths_cli.experiment.model_datasets import from_groups, to_groups
-from rths_cli.experiment.model_files import KEPT, Cache, key, load, save
+from rths_cli.experiment.model_choice import IdentifiedModel, Memory
+from rths_cli.experiment.model_files import KEPT, Cache, from_groups, key, load, save, to_groups
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.model_file import read_model
@@ -467,7 +466,7 @@ def test_a_cache_that_cannot_be_written_does_no_harm(tmp_path: Path, default_set
     folder_as_file = tmp_path / "kept" / Cache(folder=tmp_path / "kept").path(default_setup).name
     folder_as_file.mkdir()
     for folder in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/none"), tmp_path / "kept"):
-        known: Known = Memory(Cache(folder=folder)).known(default_setup, no_progress)
+        known: IdentifiedModel = Memory(Cache(folder=folder)).known(default_setup, no_progress)
         assert known.source == "identified in this run"
     assert len(excited) == 4
     assert (tmp_path / "file").read_text() == "in the way"
@@ -521,8 +520,8 @@ def test_changed_options_of_a_plug_in_make_another_rig(
     default_identification: Identification, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nested ones too: only the plug-in knows which of them act on the table."""
-    points = [EntryPoint("slow_table", "rths_slow_table:make", plugin_rig_names.GROUP)]
-    monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points)
+    points = [EntryPoint("slow_table", "rths_slow_table:make", plugin_interface.GROUP)]
+    monkeypatch.setattr(plugin_interface, "entry_points", lambda group: points)
     shipped = (Path(__file__).parents[2] / "configs" / "rigs" / "plugin_example.yaml").read_text()
 
     def with_options(options: str) -> Setup:

@@ -12,9 +12,8 @@ import pytest
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
-from rths_cli.experiment import operator_consent
-from rths_cli.experiment.operator_consent import ask_to_move
-from rths_cli.experiment.real_rig_readiness import AtRest, channel_faults
+from rths_cli.experiment import real_rig_readiness
+from rths_cli.experiment.real_rig_readiness import AtRest, ask_to_move, channel_faults
 from rths_cli.experiment.setup import make_setup
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.quantities import Interval
@@ -48,12 +47,12 @@ class Person:
 
 @pytest.fixture
 def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(operator_consent.sys, "stdin", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr(real_rig_readiness.sys, "stdin", SimpleNamespace(isatty=lambda: True))
 
 
 @pytest.fixture
 def undoubted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(operator_consent, "doubts", lambda setup: ())
+    monkeypatch.setattr(real_rig_readiness, "doubts", lambda setup: ())
 
 
 def test_a_virtual_rig_asks_nobody() -> None:
@@ -97,7 +96,7 @@ def test_yes_answers_for_unattended_rigs_alone() -> None:
 
 @pytest.mark.usefixtures("undoubted")
 def test_without_a_terminal_nobody_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(operator_consent.sys, "stdin", SimpleNamespace(isatty=lambda: False))
+    monkeypatch.setattr(real_rig_readiness.sys, "stdin", SimpleNamespace(isatty=lambda: False))
     person = Person(True)
     with pytest.raises(InputError, match="nobody can be asked here"):
         ask_to_move(setups(unattended=True), False, person)

@@ -16,7 +16,7 @@ from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import HYBRID_TEST, SHAKE_TABLE_TEST, RunKind, RunPlan
 from rths_cli.experiment.planned_motion import PlannedMotion, effective_limits, foreseen_causes, guard_sentences
-from rths_cli.experiment.rig_access import guard_limits
+from rths_cli.experiment.real_rig_readiness import guard_limits
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.results import Identification
 from rths_cli.loop.guard import ACCELERATION, COMMAND, STROKE, TRACKING

@@ -8,18 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
+from rths_cli.analysis.closed_loop import closed_loop_matrix
 from rths_cli.analysis.identified_rig_block import identified_rig
 from rths_cli.case.load import load_cases
-from rths_cli.control.part_designs import PartDesign
+from rths_cli.control.interface import PartDesign
 from rths_cli.errors import InputError
 from rths_cli.experiment.case_warnings import of_case
-from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.loop_stability_of_case import loop_parts
+from rths_cli.experiment.check import stated_ends, tangent_verdicts
+from rths_cli.experiment.design import design_blocks, loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.tangent_verdicts import stated_ends, tangent_verdicts
 from rths_cli.files.result_reader import read_result
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Array

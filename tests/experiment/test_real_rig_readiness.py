@@ -18,29 +18,29 @@ from declared_contents import declaration_faults
 from python_models import Inverse
 from serving_bench import Running, leave_out_punctuality
 
-from rths_cli.case import plugin_rig_names
+from rths_cli.case import plugin_interface
 from rths_cli.case.load import load_cases
-from rths_cli.control.part_designs import Logged
+from rths_cli.control.interface import Logged
 from rths_cli.control.python_parts import PythonFeedforward
-from rths_cli.experiment import real_rig_readiness, table_runs_on_real_rig
+from rths_cli.experiment import real_rig_readiness, real_stage
 from rths_cli.experiment.identify_on_rig import identify
-from rths_cli.experiment.model_choice import Known, Memory
+from rths_cli.experiment.model_choice import IdentifiedModel, Memory
 from rths_cli.experiment.model_files import key
 from rths_cli.experiment.one_table_run import AFTER_S, BEFORE_S
-from rths_cli.experiment.recovery import recover
-from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
+from rths_cli.experiment.real_rig_readiness import EXP_RTHS, open_rig
+from rths_cli.experiment.real_stage import RealStage
 from rths_cli.experiment.run_case import Ended, run_case
-from rths_cli.experiment.serve_command import describe
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs_on_real_rig import RealStage
 from rths_cli.files.raw_log import RawHeader, RawLogWriter
 from rths_cli.files.result_reader import read_result, read_series
+from rths_cli.laboratory.recover import recover
+from rths_cli.laboratory.serve import describe
 from rths_cli.loop.live_view import View
 from rths_cli.loop.realtime_run import RAMP_UP_S
 from rths_cli.numerics.lti import Block
 from rths_cli.quantities import ATTRIBUTES, DATASETS
 from rths_cli.quantities.attributes import LINKED, REAL
-from rths_cli.rigs.udp.key_file import make_secret
+from rths_cli.rigs.udp.session import make_secret
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig
 
 pytestmark = [
@@ -91,7 +91,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     rig.write_text(f"extends: udp_loopback\n{limits}\nudp: {udp}\n")
     try:
         setup = make_setup(load_cases([str(folder / "a.yaml")], (f"table={rig}",))[0], ("check", "model"))
-        memory = Memory(known={key(setup): Known(found, "made for a test")})
+        memory = Memory(known={key(setup): IdentifiedModel(found, "made for a test")})
         yield Bench(running, setup, memory)
     finally:
         running.end()
@@ -158,8 +158,8 @@ def test_a_result_says_what_was_behind_the_rig_that_ran(
 ) -> None:
     """The example plug-in is a fake, which its rig file does not know; the served table is on this machine."""
     monkeypatch.syspath_prepend(str(ROOT / "examples" / "plugin_rig" / "src"))
-    points = [EntryPoint("slow_table", "rths_slow_table:make", plugin_rig_names.GROUP)]
-    monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points)
+    points = [EntryPoint("slow_table", "rths_slow_table:make", plugin_interface.GROUP)]
+    monkeypatch.setattr(plugin_interface, "entry_points", lambda group: points)
     monkeypatch.setattr(real_rig_readiness, "check_measured", lambda info: None)
     plugged = make_setup(load_cases([str(bench.setup.case.path)], ("table=plugin_example",))[0], bench.setup.overrides)
     memory = Memory(known={key(plugged): bench.memory.known(bench.setup, lambda _: None)})
@@ -186,7 +186,7 @@ def test_a_raw_log_names_what_parts_of_ones_own_log(
     def own(designed: Block) -> PythonFeedforward:
         return PythonFeedforward("inverse", lambda: Logging(designed), designed, (Logged("gain", "m/V"),))
 
-    monkeypatch.setattr(table_runs_on_real_rig, "RawLogWriter", kept)
+    monkeypatch.setattr(real_stage, "RawLogWriter", kept)
     ran(replace(bench, setup=replace(bench.setup, parts={"feedforward": own})), tmp_path / "a.h5")
     (header,) = headers
     assert header.logs == (("gain", "m/V", False),) and header.names.count("logged_0") == 1
@@ -389,7 +389,7 @@ def test_a_drifting_sensor_is_named_and_taken_out_of_a_finished_run_and_of_its_r
 ) -> None:
     """5 mV and 5 mV/min, which the loop's zeros do not see (they are taken with the table's noise alone)."""
     rig = Replayed(open_rig(bench.running.served.setup, (EXP_RTHS,), 0), 5e-3, 5e-3 / 60.0 / 500.0)
-    monkeypatch.setattr("rths_cli.experiment.table_runs_on_real_rig.open_rig", lambda *_: rig)
+    monkeypatch.setattr("rths_cli.experiment.real_stage.open_rig", lambda *_: rig)
     zeros = real_rig_readiness.AtRest(np.zeros(3), np.zeros(3))
     monkeypatch.setattr(real_rig_readiness, "listened", lambda setup, rig: zeros)
     monkeypatch.setattr(RealStage, "written", lambda self: None)  # keep the log

@@ -14,17 +14,17 @@ from portfolio import parametrize_first
 from python_models import Inverse, Storeys
 
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.control.part_designs import Logged, OwnParts
+from rths_cli.control.interface import Logged, OwnParts
 from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
 from rths_cli.errors import InputError
 from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import TABLE_RUNS, plan_run, play_run
-from rths_cli.experiment.recovery import recover
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path
 from rths_cli.files.result_reader import ResultWriter, read_result
+from rths_cli.laboratory.recover import recover
 from rths_cli.loop.run_log import Signals
 from rths_cli.numerics.lti import Block
 from rths_cli.quantities import DATASETS

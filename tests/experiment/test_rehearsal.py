@@ -16,8 +16,8 @@ from rths_cli.control.python_parts import PythonFeedforward
 from rths_cli.errors import InputError
 from rths_cli.experiment import real_rig_readiness
 from rths_cli.loop.step_arrays import NUMERICAL
-from rths_cli.numerics.callbacks import Callback, call
 from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.user_functions import Callback, call
 from rths_cli.rigs.description import capabilities_of
 
 DT_S, STEPS = 1e-3, 2000

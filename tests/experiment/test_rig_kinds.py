@@ -13,7 +13,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RigError
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import differences, identity
-from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
+from rths_cli.experiment.real_rig_readiness import EXP_RTHS, open_rig
 from rths_cli.experiment.setup import Setup, make_setup
 
 CASE = "el_centro_low_ff_fb"
@@ -95,7 +95,7 @@ def test_a_card_that_is_not_there_is_a_rig_fault_when_it_is_opened_not_before() 
 @pytest.mark.parametrize("table", ["udp_loopback", "udp_example", "ni_example"])
 def test_a_run_on_a_real_rig_asks_for_a_model_and_excites_nothing(table: str, monkeypatch: pytest.MonkeyPatch) -> None:
     setup = setup_of(f"table={table}")
-    for module in ("rths_cli.experiment.identify_on_rig", "rths_cli.experiment.rig_access"):
+    for module in ("rths_cli.experiment.identify_on_rig", "rths_cli.experiment.real_rig_readiness"):
         monkeypatch.setattr(f"{module}.open_rig", lambda *_: pytest.fail("the rig was made"))
     missing = r"identification\.model: is missing; a real rig is identified before it is used"
     with pytest.raises(InputError, match=missing):

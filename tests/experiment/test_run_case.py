@@ -17,7 +17,7 @@ from rths_cli.analysis.metrics import error_figures
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.experiment.case_warnings import differences
-from rths_cli.experiment.model_choice import Known, Memory
+from rths_cli.experiment.model_choice import IdentifiedModel, Memory
 from rths_cli.experiment.one_table_run import drive_of
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import make_setup
@@ -174,7 +174,7 @@ def test_a_rejected_model_moves_no_table_unless_overridden(tmp_path: Path, memor
     setup = make_setup(load_cases([CASE], ("runs=[sim, exp_rths]",))[0])
     found = memory.identify(setup, lambda _: None)
     rejected = replace(found, verdict=replace(found.verdict, accepted=False, reasons=("made up",)))
-    known = SimpleNamespace(known=lambda *_: Known(rejected, "made up"))
+    known = SimpleNamespace(known=lambda *_: IdentifiedModel(rejected, "made up"))
     ended = run_case(setup, tmp_path / "r.h5", known, "test", lambda _: None)  # type: ignore[arg-type]
     assert (ended.exit_code, ended.status) == (1, "refused") and "made up" in ended.reason
     with h5py.File(tmp_path / "r.h5") as file:

@@ -19,11 +19,10 @@ from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.experiment import check, check_command
 from rths_cli.experiment.check import judge
-from rths_cli.experiment.check_metrics import check_figures
+from rths_cli.experiment.check_command import check_figures
 from rths_cli.experiment.design import Design, design_blocks
-from rths_cli.experiment.model_choice import Known, Memory
-from rths_cli.experiment.model_datasets import to_groups
-from rths_cli.experiment.model_files import save
+from rths_cli.experiment.model_choice import IdentifiedModel, Memory
+from rths_cli.experiment.model_files import save, to_groups
 from rths_cli.experiment.setup import OwnSamples, Setup, make_setup
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Array
@@ -173,7 +172,7 @@ def test_a_sample_whose_building_has_no_sim_is_named(
         return usual.sim(building, dt_s, ground)
 
     monkeypatch.setattr(check, "reference_of", lambda building: replace(usual, sim=unsolved))
-    known = Known(with_samples(identified, stiffer(identified, 1.01), odd), "made up")
+    known = IdentifiedModel(with_samples(identified, stiffer(identified, 1.01), odd), "made up")
     verdict = check_command.verdict_on(certain, known)
     assert verdict.verdict == UNSAFE
     assert verdict.reasons == (

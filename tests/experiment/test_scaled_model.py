@@ -17,15 +17,15 @@ from scipy.signal import lsim
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim import Response
 from rths_cli.case.load import load_cases
-from rths_cli.case.scale_schema import ScaleSpec, read_scale
+from rths_cli.case.structure_schema import ScaleSpec, read_scale
 from rths_cli.errors import InputError
 from rths_cli.experiment.case_warnings import of_case
-from rths_cli.experiment.ground_motion_list import show
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.provenance import attributes
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.accelerograms import read_accelerogram
+from rths_cli.laboratory.listing import show
 
 RECORD = Path(__file__).parents[2] / "records" / "el_centro.csv"
 LENGTH, ACCELERATION, STRESS = 2.4, 1.25, 1.5

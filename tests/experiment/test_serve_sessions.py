@@ -16,15 +16,14 @@ from portfolio import parametrize_first
 from serving_bench import RATE_HZ, WATCHDOG_S, Running, offline_in_ticks, until, wave
 
 from rths_cli.errors import InputError, RigError
-from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
-from rths_cli.experiment.serve_command import ServedRig, describe, socket_address
+from rths_cli.experiment.real_rig_readiness import EXP_RTHS, open_rig
+from rths_cli.laboratory.serve import ServedRig, describe, socket_address
 from rths_cli.loop import udp_target
 from rths_cli.loop.guard import RETURNING
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import packets
-from rths_cli.rigs.udp.key_file import make_secret
-from rths_cli.rigs.udp.session import sealed
+from rths_cli.rigs.udp.session import make_secret, sealed
 from rths_cli.rigs.udp.udp_rig import UdpRig
 
 pytestmark = [

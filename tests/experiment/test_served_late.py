@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from serving_bench import RATE_HZ, offline_in_ticks, wave
 
-from rths_cli.experiment.serve_command import ServedRig, describe, make_table
+from rths_cli.laboratory.serve import ServedRig, describe, make_table
 from rths_cli.loop import udp_target
 from rths_cli.loop.udp_target import CONTROL_SIZE, STAMP_KIND, STAMP_NS, STAMP_S
 from rths_cli.numerics.clock import IntArray
@@ -22,9 +22,8 @@ from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import open_greeter
-from rths_cli.rigs.udp.session import sealed
-from rths_cli.rigs.udp.siphash import Words
-from rths_cli.rigs.udp.sockets import bound
+from rths_cli.rigs.udp.packets import Words
+from rths_cli.rigs.udp.session import bound, sealed
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),

@@ -16,7 +16,14 @@ from rths_cli.experiment import model_verification, run_command, session
 from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import save
-from rths_cli.experiment.rig_access import EXP_RTHS, IDENTIFICATION, PROBE, SHAKE_TABLE, VERIFICATION, session_of
+from rths_cli.experiment.real_rig_readiness import (
+    EXP_RTHS,
+    IDENTIFICATION,
+    PROBE,
+    SHAKE_TABLE,
+    VERIFICATION,
+    session_of,
+)
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.run_command import Request, run_batch
 from rths_cli.experiment.session import session_key, with_session

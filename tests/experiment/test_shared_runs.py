@@ -12,7 +12,7 @@ import pytest
 from watched_references import watch_references
 
 from rths_cli.case.load import load_cases
-from rths_cli.experiment import check, feedback_choice, loop_stability_of_case, run_case, run_command
+from rths_cli.experiment import check, design, run_case, run_command
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.setup import make_setups
 from rths_cli.numerics.shared_values import SharedValues
@@ -82,8 +82,8 @@ def test_what_two_cases_have_in_common_is_made_once(
 
     watch_references(monkeypatch, run_case, made.append)
     watch_references(monkeypatch, check, made.append)
-    count(loop_stability_of_case.preflight, "stability")
-    count(feedback_choice.feedback, "design")
+    count(design.preflight, "stability")
+    count(design.feedback, "design")
     shared = SharedValues()
     for number, seed in enumerate(("seed=0", "seed=1")):
         play(tmp_path / f"{number}.h5", ("runs=[sim,sim_delay,exp_rths]", seed), memory, shared)

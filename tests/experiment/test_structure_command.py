@@ -11,7 +11,7 @@ from golden import golden
 from scipy.linalg import eig, eigh
 
 from rths_cli.errors import InputError
-from rths_cli.experiment.structure_command import Inspected, inspect_structure
+from rths_cli.laboratory.describe import Inspected, inspect_structure
 from rths_cli.numerics.lti import Array
 from rths_cli.report.structure_page import document, page, shown_floors
 

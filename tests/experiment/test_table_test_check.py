@@ -14,13 +14,12 @@ from rths_cli.case.load import load_cases
 from rths_cli.errors import LimitError
 from rths_cli.experiment.check_command import Verdict, excitations, verdict_on
 from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.excitation_check import excitation_faults, excitation_reach
-from rths_cli.experiment.excitation_plan import plan
+from rths_cli.experiment.excitation_plan import excitation_faults, excitation_reach, plan
 from rths_cli.experiment.identify_on_rig import excite
-from rths_cli.experiment.model_choice import Known
+from rths_cli.experiment.model_choice import IdentifiedModel
 from rths_cli.experiment.one_table_run import HYBRID_TEST, SHAKE_TABLE_TEST, plan_run, play_run, run_of
+from rths_cli.experiment.run_case import refusal_of
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs_of_case import refusal_of
 from rths_cli.identification.results import Identification
 
 SHORT_SEED = 32  # stiff: modes in and above the identified band
@@ -37,7 +36,7 @@ def louder(setup: Setup, identified: Identification, factor: float) -> Verdict:
     block = design.blocks.linear_parts()[2]
     loud = replace(block, C=factor * block.C, D=factor * block.D)
     design = replace(design.without_reaction(), blocks=replace(design.without_reaction().blocks, feedback=loud))
-    return verdict_on(setup, Known(identified, "test"), False, design)
+    return verdict_on(setup, IdentifiedModel(identified, "test"), False, design)
 
 
 @parametrize_first(1, "method", ["best", "paper"])  # paper: its leaky inverse has a double root slower than a record
@@ -45,7 +44,7 @@ def test_peaks_are_those_of_the_table(
     default_setup: Setup, default_identification: Identification, method: str
 ) -> None:
     setup = table_only(default_setup, f"method={method}")
-    found = verdict_on(setup, Known(default_identification, "test"), False)
+    found = verdict_on(setup, IdentifiedModel(default_identification, "test"), False)
     assert found.table_test is not None and found.table_test.verdict == SAFE == found.worst
     assert found.design is not None and refusal_of(setup, found, SHAKE_TABLE_TEST) is None
     outcome = play_run(plan_run(setup, found.design, SHAKE_TABLE_TEST), 1)
@@ -75,7 +74,7 @@ def test_too_much_of_a_record_is_refused_with_its_limit(
     default_setup: Setup, default_identification: Identification
 ) -> None:
     setup = table_only(default_setup, "scaling=20")
-    found = verdict_on(setup, Known(default_identification, "test"), False)
+    found = verdict_on(setup, IdentifiedModel(default_identification, "test"), False)
     assert found.table_test is not None and found.worst == UNSAFE
     assert any("limits.stroke_m" in reason or "converters.range_v" in reason for reason in found.table_test.reasons)
 
@@ -84,7 +83,7 @@ def test_model_that_is_rejected_refuses_the_table_test_too(
     default_setup: Setup, default_identification: Identification
 ) -> None:
     setup = table_only(default_setup)
-    found = verdict_on(setup, replace(Known(default_identification, "test"), reasons=("made up",)), False)
+    found = verdict_on(setup, replace(IdentifiedModel(default_identification, "test"), reasons=("made up",)), False)
     assert found.worst == UNSAFE and "made up" in "; ".join(found.of_run("shake_table")[1])
 
 
@@ -93,7 +92,7 @@ def test_excitations_are_judged_by_their_command(default_setup: Setup, default_i
     rows = {row.name: row for row in excitation_reach(default_setup, command)}
     assert rows["command"].peak == pytest.approx(np.abs(command).max(), rel=1e-6)
     assert not excitation_faults(default_setup, command)
-    told = dict(excitations(default_setup, Known(default_identification, "test")))
+    told = dict(excitations(default_setup, IdentifiedModel(default_identification, "test")))
     assert told["identification"] == ()
     with pytest.raises(LimitError, match=r"refused: .*limits.*reserve"):
         excite(default_setup, 0.95 * default_setup.rig.converters.range_v * command / np.abs(command).max())

@@ -19,7 +19,7 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.true_reference import TrueReference, metrics_of, true_reference
+from rths_cli.experiment.true_reference import TrueReference, true_reference, true_reference_metrics
 from rths_cli.files.result_reader import read_result
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.from_case import true_building
@@ -83,7 +83,7 @@ def test_a_specimen_as_declared_is_not_solved_again() -> None:
         "sim_delay.rms_error_m_s2": np.array([10.0, 10.0, 10.0]),
         "sim_delay.nrmse_percent": np.array([1.0, 1.0, 1.0]),
     }
-    values = metrics_of(setup, truth, sim.abs_accel_m_s2, found)
+    values = true_reference_metrics(setup, truth, sim.abs_accel_m_s2, found)
     assert np.array_equal(values["exp_rths.true_reference_rms_error_m_s2"], [1.0, 2.0, 3.0])
     assert np.array_equal(values["exp_rths.true_reference_ratio"], [0.1, 0.2, 0.3])
     assert set(values) == {
@@ -127,12 +127,12 @@ def test_errors_are_those_of_the_true_motion_to_the_true_building() -> None:
     time = setup.motion.time_s
     wave = np.sin(2.0 * np.pi * 2.0 * time) * np.hanning(len(time))
     sim_accel = np.outer([1.0, 2.0, 4.0], wave)
-    values = metrics_of(setup, TrueReference(sim_accel, None, False), 1.01 * sim_accel, {})
+    values = true_reference_metrics(setup, TrueReference(sim_accel, None, False), 1.01 * sim_accel, {})
     assert values["exp_rths.true_reference_nrmse_percent"] == pytest.approx(1.0, rel=1e-6)
     rms = np.asarray(values["exp_rths.true_reference_rms_error_m_s2"])
     assert rms == pytest.approx(0.01 * np.sqrt(np.mean(sim_accel**2, axis=1)), rel=1e-3)
     assert len(values) == 2
-    late = metrics_of(setup, TrueReference(sim_accel, 1.1 * sim_accel, False), 1.01 * sim_accel, {})
+    late = true_reference_metrics(setup, TrueReference(sim_accel, 1.1 * sim_accel, False), 1.01 * sim_accel, {})
     assert late["exp_rths.true_reference_ratio"] == pytest.approx(0.1, rel=1e-6)
 
 

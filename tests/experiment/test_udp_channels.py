@@ -13,8 +13,8 @@ from further_channels import FIVE_AS_KEYS
 from serving_bench import Running, leave_out_punctuality
 
 import rths_cli
-from rths_cli.experiment.serve_command import describe
 from rths_cli.identification import excitation, low_level_probe
+from rths_cli.laboratory.serve import describe
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only"),

@@ -21,11 +21,11 @@ from rths_cli.experiment import identify_command
 from rths_cli.experiment.check_command import check_cases, verdict_on
 from rths_cli.experiment.identify_command import Asked, make_model
 from rths_cli.experiment.identify_on_rig import UnfitRig
-from rths_cli.experiment.model_choice import Known, Memory
-from rths_cli.experiment.operator_consent import ask_to_move
+from rths_cli.experiment.model_choice import IdentifiedModel, Memory
+from rths_cli.experiment.real_rig_readiness import ask_to_move
+from rths_cli.experiment.run_case import why_none
 from rths_cli.experiment.run_command import Request, run_batch
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs_of_case import why_none
 from rths_cli.experiment.unit_plausibility import keys_in_doubt, unit_doubts, unknown_consents
 from rths_cli.files.result_reader import read_result
 from rths_cli.identification.channel_signals import UnfitRecord
@@ -190,7 +190,7 @@ def test_a_record_in_another_unit_is_asked_about(unit: str, scaling: float, sent
 class Unfit(Memory):
     """A memory whose rig cannot be identified."""
 
-    def known(self, setup: Setup, progress: object) -> Known:
+    def known(self, setup: Setup, progress: object) -> IdentifiedModel:
         raise RigError("channel floor_5: dead; check sensor and cable")
 
     at_rest = known
@@ -222,12 +222,15 @@ def test_a_rig_that_cannot_be_identified_is_not_the_first_reason(
 @pytest.mark.campaign
 def test_a_rejected_model_is_not_the_first_reason(tmp_path: Path, default_identification: Identification) -> None:
     setup = setup_of(case_of(tmp_path, MISTAKES["masses in t"][0]))
-    known = Known(default_identification, "test", ("the specimen has changed",))
+    known = IdentifiedModel(default_identification, "test", ("the specimen has changed",))
     verdict = verdict_on(setup, known)
     doubt, *_ = unit_doubts(setup)
     assert verdict.reasons[0] == doubt and any("the specimen has changed" in reason for reason in verdict.reasons[1:])
     assert why_none(setup, known, verdict).startswith(doubt)
-    assert why_none(setup, Known(default_identification, "test"), verdict_on(setup, known, False)) in ("", doubt)
+    assert why_none(setup, IdentifiedModel(default_identification, "test"), verdict_on(setup, known, False)) in (
+        "",
+        doubt,
+    )
 
 
 @pytest.mark.parametrize(("rig", "moves"), [("aps400_virtual", True), ("udp_example", False)])

@@ -15,8 +15,7 @@ from portfolio import parametrize_first
 from rths_cli.analysis.stability_check import SAFE, Strays, reach, strays
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.check import Judged, judge
-from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.loop_stability_of_case import loop_parts
+from rths_cli.experiment.design import design_blocks, loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup

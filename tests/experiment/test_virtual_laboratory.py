@@ -16,8 +16,8 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import differences, identity, key
 from rths_cli.experiment.run_case import run_case
-from rths_cli.experiment.serve_command import describe, make_table
 from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.laboratory.serve import describe, make_table
 from rths_cli.rigs.from_case import (
     laboratory_follows_seed,
     laboratory_number,

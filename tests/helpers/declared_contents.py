@@ -10,9 +10,9 @@ import h5py
 
 from rths_cli.quantities import ATTRIBUTES, AXES, BLOCKS, DATASETS, DatasetDeclaration, metric, stored_dataset
 from rths_cli.quantities.attributes import OF_BLOCK
+from rths_cli.quantities.declaration import unit_of_name
 from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES, model_dataset
 from rths_cli.quantities.sweep_datasets import OF_SWEEP, SWEEP_ATTRIBUTES, SWEEP_DATASETS
-from rths_cli.quantities.units import unit_of_name
 
 
 def declaration_faults(path: Path, texts: bool = True) -> list[str]:

@@ -17,11 +17,11 @@ from rths_cli.analysis.sim import simulate
 from rths_cli.experiment import run_metrics
 from rths_cli.experiment.check import Uncertain, judge
 from rths_cli.experiment.error_after_run import AfterRun, error_after_run
-from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import HYBRID_TEST, Run
+from rths_cli.experiment.run_metrics import lowest_reliable_hz
 from rths_cli.experiment.run_signals import Series, on_record_clock, whole_building
-from rths_cli.experiment.serve_command import make_table
+from rths_cli.laboratory.serve import make_table
 from rths_cli.loop.guard import END
 from rths_cli.loop.simulated_time_run import Outcome
 from rths_cli.numerics.clock import IntArray

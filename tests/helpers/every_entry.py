@@ -18,7 +18,7 @@ from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import load_cases
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control.friction_compensation import FrictionFeedforward
-from rths_cli.experiment.serve_command import describe, make_table
+from rths_cli.laboratory.serve import describe, make_table
 from rths_cli.loop import realtime_loop, realtime_run, simulated_time_run, udp_target
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.fallback_commands import foresight_of
@@ -27,7 +27,7 @@ from rths_cli.loop.scheduling import wait_periodically
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.numerics.compiled import Entry
 from rths_cli.rigs.udp import handshake, link, packets
-from rths_cli.rigs.udp.siphash import siphash_into
+from rths_cli.rigs.udp.packets import siphash_into
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 from rths_cli.structure import build

@@ -17,9 +17,9 @@ from rths_cli.analysis.metrics import error_figures
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.one_table_run import drive_of
-from rths_cli.experiment.rig_access import guard_limits
-from rths_cli.experiment.serve_command import ServedRig, describe, make_table
+from rths_cli.experiment.real_rig_readiness import guard_limits
 from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.laboratory.serve import ServedRig, describe, make_table
 from rths_cli.loop import realtime_run
 from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState

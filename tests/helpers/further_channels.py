@@ -11,7 +11,7 @@ from bench import specimen
 from hybrid import best_like, paper_like
 
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
-from rths_cli.control import kalman_filter, load_cell, sensor_correction
+from rths_cli.control import designed_blocks, kalman_filter, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import Interface
 from rths_cli.numerics.lti import Array
@@ -68,7 +68,7 @@ def with_cell(info: RigInfo, blocks: Blocks, weight: float, interface_mass_kg: f
     lead = blocks.lead_samples
     lead_s, place = lead * info.dt_s, info.shear_cell
     estimator = kalman_filter.with_residual(blocks.estimator, specimen(), RESIDUAL_HZ, lead_s)
-    reads = load_cell.cell_reads(specimen().masses_kg, interface_mass_kg, PLATE_KG)
+    reads = designed_blocks.cell_reads(specimen().masses_kg, interface_mass_kg, PLATE_KG)
     columns = kalman_filter.cell_in_residual(estimator, RESIDUAL_HZ, lead_s, weight)
     assert place is not None
     return replace(
@@ -76,7 +76,7 @@ def with_cell(info: RigInfo, blocks: Blocks, weight: float, interface_mass_kg: f
         estimator=estimator,
         interface=Interface(kalman_filter.plus_residual(blocks.interface.force)),
         further=sensor_correction.further_correction(info.further, info.dt_s),
-        cell=load_cell.CellInput(place, reads, *columns, np.zeros(1)),
+        cell=designed_blocks.CellInput(place, reads, *columns, np.zeros(1)),
     )
 
 
@@ -90,13 +90,13 @@ def paper_with_cell(info: RigInfo, interface_mass_kg: float = 0.0, weight: float
     blocks, place = paper_like(info, interface_mass_kg), info.shear_cell
     assert place is not None
     shear = kalman_filter.shear_with_cell(blocks.interface.force, specimen(), interface_mass_kg, weight)
-    reads = load_cell.cell_reads(specimen().masses_kg, interface_mass_kg, PLATE_KG)
+    reads = designed_blocks.cell_reads(specimen().masses_kg, interface_mass_kg, PLATE_KG)
     nothing = np.zeros(len(blocks.estimator.A)), np.zeros(len(blocks.estimator.C))
     return replace(
         blocks,
         interface=Interface(shear),
         further=sensor_correction.further_correction(info.further, info.dt_s),
-        cell=load_cell.CellInput(place, reads, *nothing, np.array([-weight])),
+        cell=designed_blocks.CellInput(place, reads, *nothing, np.array([-weight])),
     )
 
 

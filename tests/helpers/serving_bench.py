@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 
 from rths_cli.experiment import real_rig_readiness
-from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
-from rths_cli.experiment.serve_command import ServedRig, Server
-from rths_cli.identification import dropout_reconstruction
+from rths_cli.experiment.real_rig_readiness import EXP_RTHS, open_rig
+from rths_cli.identification import record_parts
+from rths_cli.laboratory.serve import ServedRig, Server
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import RigInfo
-from rths_cli.rigs.udp.key_file import read_secret
-from rths_cli.rigs.udp.sockets import bound
+from rths_cli.rigs.udp.session import bound, read_secret
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 from rths_cli.rigs.virtual.virtual_rig import virtual_rig
 
@@ -29,7 +28,7 @@ WATCHDOG_S = 0.3  # a busy machine stops a test for a tenth of a second now and 
 def leave_out_punctuality(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have no rehearsal, and let most of a record be lost: a busy machine loses more than a laboratory accepts."""
     monkeypatch.setattr(real_rig_readiness, "rehearsed", lambda *given: None)
-    monkeypatch.setattr(dropout_reconstruction, "MOST_MISSING", 0.9)
+    monkeypatch.setattr(record_parts, "MOST_MISSING", 0.9)
 
 
 class Running:

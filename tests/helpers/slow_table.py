@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rths_cli.case import plugin_rig_names
+from rths_cli.case import plugin_interface
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "plugin_rig"
 
@@ -18,4 +18,4 @@ def slow_table(monkeypatch: pytest.MonkeyPatch) -> None:
     stated = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))["project"]["entry-points"]
     points = {group: [EntryPoint(*pair, group) for pair in pairs.items()] for group, pairs in stated.items()}
     monkeypatch.syspath_prepend(str(EXAMPLE / "src"))
-    monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points.get(group, []))
+    monkeypatch.setattr(plugin_interface, "entry_points", lambda group: points.get(group, []))

@@ -17,10 +17,10 @@ from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import drive_of
-from rths_cli.experiment.rig_access import guard_limits
+from rths_cli.experiment.real_rig_readiness import guard_limits
 from rths_cli.experiment.run_signals import Series, on_record_clock, whole_building
-from rths_cli.experiment.serve_command import ServedRig, describe, make_table
 from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.laboratory.serve import ServedRig, describe, make_table
 from rths_cli.loop import realtime_run, udp_target
 from rths_cli.loop.fallback_commands import no_foresight
 from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bench import rig_info
 
-from rths_cli.identification.compared_sensors import Measured, after, before, contradiction
+from rths_cli.identification.absolute_scale import Measured, after, before, contradiction
 from rths_cli.identification.results import Calibration
 from rths_cli.rigs.description import Channel, Uncertainty
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from rths_cli.errors import InputError
-from rths_cli.identification.dropout_reconstruction import clusters, filled
+from rths_cli.identification.record_parts import clusters, filled
 from rths_cli.numerics.lti import Array
 
 DT_S, N = 1e-3, 12_000

@@ -15,7 +15,7 @@ from portfolio import parametrize_first
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.identify_command import About
 from rths_cli.experiment.identify_on_rig import evaluated, measure
-from rths_cli.experiment.model_datasets import from_groups, to_groups
+from rths_cli.experiment.model_files import from_groups, to_groups
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.frequency_response import simulate
 from rths_cli.identification.friction import estimate

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rths_cli.identification.nonlinear_specimen import identify_nonlinear
+from rths_cli.identification.identify_specimen import identify_nonlinear
 from rths_cli.identification.results import NonlinearSpecimen
 from rths_cli.identification.specimen_fit import Motion, Start, fit_specimen
 

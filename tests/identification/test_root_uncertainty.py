@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from made_records import make_specimen, true_response
 
+from rths_cli.identification.delay import UNKNOWN_LAW, of_specimen, of_structure, shifts, together
 from rths_cli.identification.results import Friction, LevelBand
-from rths_cli.identification.root_uncertainty import UNKNOWN_LAW, of_specimen, of_structure, shifts, together
 from rths_cli.identification.specimen_fit import CLOCK, SKEW
 from rths_cli.identification.table_fit import Fit, Timing, first_fit, fit, refit
 from rths_cli.numerics.bands import USUAL

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rths_cli.identification.delay import shifts
 from rths_cli.identification.results import FitError, Root
-from rths_cli.identification.root_uncertainty import shifts
 from rths_cli.identification.table_fit import Fit, Layout, Timing, fit, pack
 from rths_cli.identification.verdict import LIMITS, response_error, roots_of, without_information
 from rths_cli.numerics.bands import USUAL

@@ -7,8 +7,8 @@ import pytest
 from bench import rig_info
 from hybrid import open_limits
 
-from rths_cli.loop import bumpless_transfer
-from rths_cli.loop.bumpless_transfer import OFF_V, RATE, STANDS_V, WANTED_V, fresh_drift
+from rths_cli.loop import fallback_commands
+from rths_cli.loop.fallback_commands import OFF_V, RATE, STANDS_V, WANTED_V, fresh_drift
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
@@ -25,19 +25,19 @@ def limits_of(**other: float) -> GuardLimits:
 @entry
 def gone(drift: Array, limits: GuardLimits, stands: float) -> None:
     drift, limits = borrowed((drift, limits))
-    bumpless_transfer.drift_to(drift, limits, stands)
+    fallback_commands.drift_to(drift, limits, stands)
 
 
 @entry
 def came(drift: Array, limits: GuardLimits, bit_v: float, commands: Array, left: Array) -> None:
     drift, limits, commands, left = borrowed((drift, limits, commands, left))
     for k in range(commands.size):
-        left[k] = bumpless_transfer.rejoin(drift, limits, bit_v, commands[k])
+        left[k] = fallback_commands.rejoin(drift, limits, bit_v, commands[k])
 
 
 @entry
 def off(drift: Array, intervals: float) -> float:
-    return bumpless_transfer.off_after(drift, intervals)
+    return fallback_commands.off_after(drift, intervals)
 
 
 def apart(wanted: Array, stood: Array, limits: GuardLimits) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from smooth_way import smooth_way
 
-from rths_cli.experiment.serve_command import describe, make_table
+from rths_cli.laboratory.serve import describe, make_table
 from rths_cli.loop import udp_target
 from rths_cli.loop.udp_target import LAST_TICK, MOVED_TICK, STATE, TICK, TICKS_PER_INTERVAL, Door, Table, open_door
 from rths_cli.numerics.compiled import borrowed, entry

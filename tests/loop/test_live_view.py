@@ -9,11 +9,11 @@ import pytest
 from bench import rig_info
 from hybrid import best_like, open_limits
 
+from rths_cli.cli.terminal import live_lines, one_line
 from rths_cli.loop import realtime_loop, realtime_run
 from rths_cli.loop.live_view import Watching
 from rths_cli.loop.run_log import signals, sizes_of
 from rths_cli.loop.step_arrays import NUMERICAL
-from rths_cli.report.run_status_lines import live_lines, one_line
 
 
 def made() -> realtime_run.Performance:

@@ -9,8 +9,8 @@ from portfolio import parametrize_first
 from rths_cli.control.interface import no_force
 from rths_cli.control.numerical_substructure import interface
 from rths_cli.errors import InputError
-from rths_cli.loop.modal_substructure import Modal, modal
 from rths_cli.loop.parts import Room
+from rths_cli.loop.storey_forces import Modal, modal
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array, Block
 from rths_cli.structure import Numerical

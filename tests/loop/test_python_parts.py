@@ -12,7 +12,7 @@ from hybrid import best_like, ground, open_limits
 from python_models import Inverse, Storeys
 
 from rths_cli.control.designed_blocks import Blocks
-from rths_cli.control.part_designs import Logged
+from rths_cli.control.interface import Logged
 from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
 from rths_cli.errors import InputError
 from rths_cli.loop import step_arrays

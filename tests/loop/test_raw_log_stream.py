@@ -14,8 +14,8 @@ import pytest
 
 from rths_cli.files import raw_log
 from rths_cli.files.raw_log import RawHeader, RawLogWriter, read_raw_log
-from rths_cli.loop import raw_log_stream
-from rths_cli.loop.raw_log_stream import CTRL_C, GO_ON, LOG_LOST, LogStream
+from rths_cli.loop import run_log
+from rths_cli.loop.run_log import CTRL_C, GO_ON, LOG_LOST, LogStream
 
 STEPS = 400
 HEADER = RawHeader(
@@ -143,7 +143,7 @@ def test_a_disk_that_does_not_answer_holds_nobody_up_for_ever(
     log: RawLogWriter, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loop, answers = Loop(), threading.Event()
-    monkeypatch.setattr(raw_log_stream, "PATIENCE_S", 0.05)
+    monkeypatch.setattr(run_log, "PATIENCE_S", 0.05)
     monkeypatch.setattr(raw_log.os, "fdatasync", lambda file: answers.wait(20))
     with LogStream(log, loop.columns, loop.done, loop.orders) as streamed:
         loop.advance(1)

@@ -8,9 +8,9 @@ from bench import rig_info
 from hybrid import best_like, open_limits
 from test_realtime_loop import conducted
 
-from rths_cli.loop import bumpless_transfer
+from rths_cli.loop import fallback_commands
 from rths_cli.loop.block_replay import run_block
-from rths_cli.loop.bumpless_transfer import Returning
+from rths_cli.loop.fallback_commands import Returning
 from rths_cli.loop.guard import ACCELERATION
 from rths_cli.loop.lost_samples import MIXED, NO_ANSWER
 from rths_cli.loop.realtime_run import prepare
@@ -26,9 +26,9 @@ from rths_cli.numerics.lti import Array
 def shares(r: Returning, came: IntArray, given: Array) -> None:
     for k in range(came.size):
         if came[k] == 0:
-            bumpless_transfer.note_lost(r)
+            fallback_commands.note_lost(r)
         else:
-            given[k] = bumpless_transfer.share_of_measured(r)
+            given[k] = fallback_commands.share_of_measured(r)
 
 
 @entry
@@ -36,11 +36,11 @@ def returned(r: Returning, s: Step, samples: Array, given: Array, heard: Array) 
     """Lose three samples, then take samples (n, c) in V; note what the step is given and what was heard, (n, c)."""
     r, s, samples, given, heard = borrowed((r, s, samples, given, heard))
     for _ in range(3):
-        bumpless_transfer.note_lost(r)
+        fallback_commands.note_lost(r)
     for k in range(len(samples)):
         for c in range(s.samples.size):
             s.samples[c] = samples[k, c]
-        mixed = bumpless_transfer.give_back(r, s)
+        mixed = fallback_commands.give_back(r, s)
         sense(s)
         for c in range(s.samples.size):
             given[k, c] = s.samples[c]
@@ -49,7 +49,7 @@ def returned(r: Returning, s: Step, samples: Array, given: Array, heard: Array) 
 
 def shares_of(*came: int) -> Array:
     given = np.zeros(len(came))
-    shares(bumpless_transfer.returning(rig_info(dt_s=1e-3)), np.array(came), given)
+    shares(fallback_commands.returning(rig_info(dt_s=1e-3)), np.array(came), given)
     return given
 
 
@@ -85,7 +85,7 @@ def test_the_step_is_given_a_mix_and_what_came_is_corrected_as_it_came() -> None
     info = rig_info(dt_s=1e-3)
     blocks = best_like(info)
     step = assemble(blocks, NUMERICAL)
-    r = bumpless_transfer.returning(info)
+    r = fallback_commands.returning(info)
     came = 0.5 + np.random.default_rng(4).normal(0.0, 0.1, (12, 3))
     given, heard = np.zeros_like(came), np.zeros_like(came)
     returned(r, step, came, given, heard)

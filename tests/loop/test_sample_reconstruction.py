@@ -12,7 +12,7 @@ from test_realtime_loop import Wired, conducted
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.errors import RigError
-from rths_cli.experiment.excitation_on_real_rig import mended
+from rths_cli.experiment.identify_on_rig import mended
 from rths_cli.loop import realtime_run
 from rths_cli.loop.run_log import Signals, signals, sizes_of
 from rths_cli.loop.step_arrays import EXCITATION

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from stalling import Laboratory, laboratory_of, logged
 
-from rths_cli.loop.bumpless_transfer import OFF_V
+from rths_cli.loop.fallback_commands import OFF_V
 from rths_cli.loop.guard import END
 from rths_cli.loop.realtime_run import Performance
 

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from smooth_way import smooth_way
 
 from rths_cli.loop import fallback_commands
-from rths_cli.loop.bumpless_transfer import OFF_V, RATE, STEP_V, fresh_drift
-from rths_cli.loop.fallback_commands import Foresight, no_foresight
+from rths_cli.loop.fallback_commands import OFF_V, RATE, STEP_V, Foresight, fresh_drift, no_foresight
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array

@@ -82,7 +82,7 @@ import numpy as np
 from rths_cli.numerics.compiler_messages import announce
 said = []
 announce(said.append)
-from rths_cli.rigs.udp.siphash import siphash_into
+from rths_cli.rigs.udp.packets import siphash_into
 value = np.zeros(1, np.uint64)
 siphash_into(np.arange(15, dtype=np.uint8), 15, np.arange(2, dtype=np.uint64), value)
 print(len(said), value[0], *said)

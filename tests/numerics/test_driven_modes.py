@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rths_cli.numerics.driven_modes import driven_modes
+from rths_cli.numerics.lti import driven_modes
 
 
 def test_modes_follow_their_recursion_from_rest() -> None:

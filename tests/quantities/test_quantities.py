@@ -11,9 +11,9 @@ from rths_cli.analysis import predicted_error
 from rths_cli.files.result_reader import ResultWriter
 from rths_cli.quantities import AXES, KINDS, METRICS, datasets, declared, kinds_of, metric, model_datasets
 from rths_cli.quantities.datasets import declared_datasets
+from rths_cli.quantities.declaration import unit_of_name
 from rths_cli.quantities.model_datasets import declared_model_datasets
 from rths_cli.quantities.sweep_datasets import SWEEP_DATASETS
-from rths_cli.quantities.units import unit_of_name
 from rths_cli.report.formats.metrics_reference import reference_page
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "metrics.md"

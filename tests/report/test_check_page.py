@@ -12,8 +12,7 @@ from made_up_check import checked
 
 from rths_cli.experiment.check_command import Checked
 from rths_cli.quantities import METRICS, Interval, intervals_of
-from rths_cli.report.check_json import as_document
-from rths_cli.report.check_page import MARGINS, REACH, page, pages
+from rths_cli.report.check_page import MARGINS, REACH, as_document, page, pages
 
 MOTION = ("check.peak", "check.limit", "check.rms_error", "check.tracking")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rths_cli.report.error_budget_table import CAUSES, budget_text
+from rths_cli.report.case_metric_tables import CAUSES, budget_text
 
 FITTED = {"budget.table_gain_error": 0.00123, "budget.table_delay_error_s": -4.2e-6, "budget.friction_v": 2.35e-4}
 

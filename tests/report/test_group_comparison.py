@@ -9,9 +9,21 @@ import pytest
 from made_up import result
 
 from rths_cli.errors import InputError
-from rths_cli.report.baseline_comparison import BETTER, SAME, SEEN, WORSE, against, baseline_blocks, got_worse
-from rths_cli.report.group_comparison import check_keys, compare, group_tables, over_runs
-from rths_cli.report.repeat_statistics import repeats, repeats_tables
+from rths_cli.report.group_comparison import (
+    BETTER,
+    SAME,
+    SEEN,
+    WORSE,
+    against,
+    baseline_blocks,
+    check_keys,
+    compare,
+    got_worse,
+    group_tables,
+    over_runs,
+    repeats,
+    repeats_tables,
+)
 from rths_cli.report.text_layout import plain_text, render
 
 ERROR, TRACKING = "exp_rths.rms_error_m_s2", "exp_rths.tracking_rms_m_s2"

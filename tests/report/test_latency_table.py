@@ -8,11 +8,11 @@ import numpy as np
 from made_up_identification import identification
 
 from rths_cli.experiment.identify_command import About
-from rths_cli.experiment.model_datasets import from_groups, to_groups
+from rths_cli.experiment.model_files import from_groups, to_groups
 from rths_cli.identification.results import DelayEstimate
 from rths_cli.quantities import LATENCIES
+from rths_cli.report.case_metric_tables import ITEMS, latency_text
 from rths_cli.report.identification_page import as_document, page
-from rths_cli.report.latency_table import ITEMS, latency_text
 
 FREQUENCY = np.array([1.0, 3.0, 5.0, 10.0, 20.0, 100.0])
 ESTIMATE = DelayEstimate(7.53e-4, 1.2e-5, 7.5e-4)

@@ -4,7 +4,7 @@ import math
 
 from made_up import HIGH, LOW, figures, paper_cases, result
 
-from rths_cli.report.paper_claims import CLAIMS, HELD, NOT_HELD, UNJUDGED, claims_text, judge
+from rths_cli.report.paper_tables import CLAIMS, HELD, NOT_HELD, UNJUDGED, claims_text, judge
 from rths_cli.report.results_by_case import entries
 
 TRACKS, DELAY, DAMPING, PEAK = CLAIMS

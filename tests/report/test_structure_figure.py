@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
-from rths_cli.experiment.structure_command import inspect_structure
+from rths_cli.laboratory.describe import inspect_structure
+from rths_cli.report.figures.structural_figures import draw_structure, write_figure
 from rths_cli.report.figures.style import in_house_style
-from rths_cli.report.structure_figure import draw_structure, write_figure
 
 
 def test_each_mode_is_drawn_over_the_floors_and_the_cut_at_the_interface() -> None:

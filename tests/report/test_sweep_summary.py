@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from rths_cli.files.sweep_file import Figure, Sweep
-from rths_cli.report.sweep_page import document, page
-from rths_cli.report.sweep_summary import percentiles, summary, summary_text
+from rths_cli.report.sweep_page import document, page, percentiles, summary, summary_text
 
 TRACKING, STOREYS, MARGIN = "exp_rths.tracking_rms_m_s2", "exp_rths.rms_error_m_s2", "check.gain_margin"
 SCHEMA = Path(__file__).parents[2] / "configs" / "report.schema.json"

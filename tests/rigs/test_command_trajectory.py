@@ -13,7 +13,7 @@ from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.late_command_trajectory import Way, fresh_way, place_after, put_way, take_way, words_of
-from rths_cli.rigs.udp.siphash import Bytes
+from rths_cli.rigs.udp.packets import Bytes
 
 POINTS = (1.5, -2.25, 0.125)
 

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError, RigError
-from rths_cli.rigs.udp.key_file import make_secret, read_secret
-from rths_cli.rigs.udp.sockets import bound, connected, shown
+from rths_cli.rigs.udp.session import bound, connected, make_secret, read_secret, shown
 
 
 def test_a_new_secret_is_read_back_and_is_the_owners_alone(tmp_path: Path) -> None:

@@ -305,7 +305,9 @@ def test_without_the_package_a_sentence_names_the_command_that_installs_it(monke
 
 
 def test_the_package_is_imported_only_when_a_card_is_opened() -> None:
-    code = "import sys, rths_cli.rigs.ni.ni_rig, rths_cli.experiment.rig_access; print('nidaqmx' in sys.modules)"
+    code = (
+        "import sys, rths_cli.rigs.ni.ni_rig, rths_cli.experiment.real_rig_readiness; print('nidaqmx' in sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

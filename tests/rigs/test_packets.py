@@ -12,7 +12,7 @@ from packets import Packet, opened, plain_siphash
 
 from rths_cli.numerics.compiled import entry
 from rths_cli.rigs.udp import packets
-from rths_cli.rigs.udp.siphash import Bytes, Words, siphash_into
+from rths_cli.rigs.udp.packets import Bytes, Words, siphash_into
 
 KEY = bytes(range(16))
 # SipHash-2-4 of 00 01 02 ... (0 to 63 bytes) under the key 00..0f: the authors' 64 vectors, one after the other

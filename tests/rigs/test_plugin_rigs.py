@@ -16,7 +16,7 @@ from bench import rig_info
 from scipy.linalg import expm
 from slow_table import EXAMPLE, slow_table
 
-from rths_cli.case import plugin_rig_names
+from rths_cli.case import plugin_interface
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.rigs.interface import Rig, RigInfo
 from rths_cli.rigs.plugin_rigs import open_plugin
@@ -34,8 +34,8 @@ def plug(monkeypatch: pytest.MonkeyPatch) -> Plug:
         module = ModuleType("shaker_package")
         module.make = make  # type: ignore[attr-defined]
         monkeypatch.setitem(sys.modules, "shaker_package", module)
-        points = [EntryPoint("shaker", "shaker_package:make", plugin_rig_names.GROUP)]
-        monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points)
+        points = [EntryPoint("shaker", "shaker_package:make", plugin_interface.GROUP)]
+        monkeypatch.setattr(plugin_interface, "entry_points", lambda group: points)
 
     return install
 

@@ -16,7 +16,7 @@ import pytest
 from bench import rig_info
 from slow_table import slow_table
 
-from rths_cli.case import plugin_interface, plugin_rig_names
+from rths_cli.case import plugin_interface
 from rths_cli.errors import InputError, RigError
 from rths_cli.rigs.contract import contract
 from rths_cli.rigs.interface import COUNTED_CLOCK, TRUTH, RigInfo, counts_time, truthful
@@ -55,8 +55,8 @@ def plug(monkeypatch: pytest.MonkeyPatch) -> Plug:
 
             monkeypatch.delitem(sys.modules, "shaker_package")
             monkeypatch.setattr(sys, "meta_path", [Loader(), *sys.meta_path])
-        points = [EntryPoint("shaker", "shaker_package:make", plugin_rig_names.GROUP)]
-        monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points)
+        points = [EntryPoint("shaker", "shaker_package:make", plugin_interface.GROUP)]
+        monkeypatch.setattr(plugin_interface, "entry_points", lambda group: points)
         monkeypatch.setattr(plugin_interface, "TOLD", set())
         monkeypatch.setattr(plugin_interface, "OLD_NAMES", plugin_interface.OLD_NAMES)
         plugin_interface.OLD_NAMES.clear()

@@ -22,13 +22,13 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
 import rths_cli
-from rths_cli.case import plugin_rig_names
+from rths_cli.case import plugin_interface
 from rths_cli.case.load import load_cases
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.errors import InputError, RigError
 from rths_cli.experiment import real_rig_readiness
-from rths_cli.experiment.doctor_request import DoctorRequest, channels_request, examine_request
 from rths_cli.experiment.setup import make_setup
+from rths_cli.laboratory.doctor_request import DoctorRequest, channels_request, examine_request
 from rths_cli.loop import realtime_run
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.numerics.lti import Array
@@ -85,8 +85,8 @@ def plug(monkeypatch: pytest.MonkeyPatch) -> Plug:
         module = ModuleType("simulated_package")
         module.make = lambda info, options: kind(info)  # type: ignore[attr-defined]
         monkeypatch.setitem(sys.modules, "simulated_package", module)
-        points = [EntryPoint("simulated", "simulated_package:make", plugin_rig_names.GROUP)]
-        monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points)
+        points = [EntryPoint("simulated", "simulated_package:make", plugin_interface.GROUP)]
+        monkeypatch.setattr(plugin_interface, "entry_points", lambda group: points)
 
     return install
 

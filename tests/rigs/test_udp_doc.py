@@ -12,8 +12,8 @@ from packets import HEAD, Packet
 from rths_cli.numerics.compiled import entry
 from rths_cli.rigs.udp import packets as wire
 from rths_cli.rigs.udp import session
-from rths_cli.rigs.udp.key_file import as_words
-from rths_cli.rigs.udp.siphash import Bytes, Words
+from rths_cli.rigs.udp.packets import Bytes, Words
+from rths_cli.rigs.udp.session import as_words
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "reference" / "udp.md").read_text()

@@ -18,7 +18,7 @@ from rths_cli.numerics.compiled import entry
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import packets as wire
 from rths_cli.rigs.udp.link import FAULT, LOST, OK, Link, converse_at, fresh_link
-from rths_cli.rigs.udp.sockets import bound, connected
+from rths_cli.rigs.udp.session import bound, connected
 
 KEY = bytes(range(40, 56))
 FOR_EVER_NS = 1 << 62

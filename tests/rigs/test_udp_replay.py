@@ -19,11 +19,10 @@ from udp_peer import SECRET, PlainTarget
 from udp_relay import Relay
 
 from rths_cli.errors import RigError
-from rths_cli.experiment.serve_command import Server, describe
+from rths_cli.laboratory.serve import Server, describe
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import packets
-from rths_cli.rigs.udp.key_file import read_secret
-from rths_cli.rigs.udp.sockets import bound
+from rths_cli.rigs.udp.session import bound, read_secret
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

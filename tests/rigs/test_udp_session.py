@@ -14,8 +14,7 @@ from packets import Packet, opened, plain_siphash
 from rths_cli.errors import RigError
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import PERIOD_NS, Greeter, answer_hello_at, open_greeter, opens_session_at
-from rths_cli.rigs.udp.session import Session, Terms, greet, judge, sealed, session_key
-from rths_cli.rigs.udp.sockets import bound, connected
+from rths_cli.rigs.udp.session import Session, Terms, bound, connected, greet, judge, sealed, session_key
 
 SECRET = bytes(range(100, 116))
 WORDS = np.frombuffer(SECRET, "<u8").astype(np.uint64)

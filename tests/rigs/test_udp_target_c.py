@@ -19,8 +19,8 @@ from packets import Packet, opened
 from rths_cli.errors import RigError
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import packets as wire
-from rths_cli.rigs.udp.key_file import make_secret
 from rths_cli.rigs.udp.link import FAULT, OK, converse_at
+from rths_cli.rigs.udp.session import make_secret
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -19,12 +19,10 @@ from rths_cli.errors import InputError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
-from rths_cli.rigs.virtual.imperfect.channels import DISPLACEMENT, DRIFT, FORCE
 from rths_cli.rigs.virtual.imperfect.from_laboratory import Output, imperfect_plant
-from rths_cli.rigs.virtual.imperfect.plant import ImperfectPlant
+from rths_cli.rigs.virtual.imperfect.plant import DISPLACEMENT, DRIFT, FORCE, ImperfectPlant
 from rths_cli.rigs.virtual.laboratory import laboratory_of, of_run
-from rths_cli.rigs.virtual.plant_kernel import Plant
-from rths_cli.rigs.virtual.specimen_laws import specimen_with_laws
+from rths_cli.rigs.virtual.plant_kernel import Plant, specimen_with_laws
 from rths_cli.rigs.virtual.virtual_rig import virtual_rig
 
 PHYSICS = VirtualPhysics()

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rths_cli.case.scale_schema import ScaleSpec
+from rths_cli.case.structure_schema import ScaleSpec
 from rths_cli.quantities import METRICS
 from rths_cli.structure import Similitude, similitude_of
 from rths_cli.structure.similitude import UNITS, dimensions

@@ -22,11 +22,20 @@ from campaigns.study_interruptions import CASE, datasets, write_case
 from rths_cli.case.load import PlacedSettings, written_case
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import read_columns, read_part, read_sweep, rows_path
-from rths_cli.studies import engines, merge, rows_elsewhere
+from rths_cli.studies import engines, merge
 from rths_cli.studies import sweep as sweep_workflow
-from rths_cli.studies.engines import Engine, Workers, WorkersLostError, play_all
+from rths_cli.studies.engines import (
+    Chunk,
+    Engine,
+    OtherSoftwareError,
+    PointRows,
+    Work,
+    Workers,
+    WorkersLostError,
+    check_software,
+    play_all,
+)
 from rths_cli.studies.merge import merge_parts
-from rths_cli.studies.rows_elsewhere import Chunk, OtherSoftwareError, PointRows, Work, check_software
 from rths_cli.studies.study_plan import Asked
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
 from rths_cli.studies.sweep_output import several_processors
@@ -334,7 +343,7 @@ def test_dask_gives_the_same_when_a_worker_is_killed_and_the_sweep_resumed(
     with distributed.Client(scheduler_file=file, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=60)
     with monkeypatch.context() as patch:
-        for module in (sweep_workflow, rows_elsewhere):
+        for module in (sweep_workflow, engines):
             patch.setattr(module, "software", lambda: "0" * 64)
         with pytest.raises(InputError, match=r"Dask worker tcp://.*: a worker runs rths .* with other sources"):
             swept(request_of, path, engine)

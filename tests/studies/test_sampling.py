@@ -8,7 +8,7 @@ from scipy import stats
 
 from rths_cli.case.study_schema import LognormalAxis, Method, NormalAxis, Strict, TruncatedNormalAxis, UniformAxis
 from rths_cli.errors import InputError
-from rths_cli.studies.sampling import chosen, correlated, normal_correlation, quantiles, unit_samples
+from rths_cli.studies.study_plan import chosen, correlated, normal_correlation, quantiles, unit_samples
 
 
 @pytest.mark.parametrize(("method", "count"), [("latin_hypercube", 100), ("sobol", 128)])

@@ -11,8 +11,8 @@ from campaigns.synthetic_study import Known, deviations, ishigami, sampled_indic
 from scipy import stats
 
 from rths_cli.errors import InputError
-from rths_cli.studies.sampling import unit_samples
 from rths_cli.studies.sensitivity import sobol_indices
+from rths_cli.studies.study_plan import unit_samples
 
 COUNT = 4096
 

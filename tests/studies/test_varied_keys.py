@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rths_cli.case.resolve import read_settings
-from rths_cli.case.yaml_tree import plain
+from rths_cli.case.yaml_reader import plain
 from rths_cli.errors import InputError
 from rths_cli.studies.plan import Axis, Plan
 from rths_cli.studies.study_plan import Asked, read_plan

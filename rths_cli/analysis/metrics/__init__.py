@@ -16,22 +16,23 @@ from rths_cli.analysis.metrics.fidelity import (
     FrequencyEvaluation,
     frequency_evaluation,
     frequency_evaluations,
+    low_lines,
     tracking_indicator,
 )
-from rths_cli.analysis.metrics.lowest_fourier_lines import low_lines
 from rths_cli.analysis.metrics.response_errors import (
     BAND_ORDER,
+    SLOW_ORDER,
     ErrorFigures,
     error_figures,
     figures_of_pairs,
     fitted_delay_s,
     fitted_delays_s,
+    high_passed,
     peak,
     rms,
     room_for_pairs,
     test_band,
 )
-from rths_cli.analysis.metrics.zero_phase_high_pass import SLOW_ORDER, high_passed
 
 __all__ = [
     "BAND_ORDER",

@@ -16,12 +16,21 @@ from rths_cli.errors import InputError
 from rths_cli.files.durable_files import read_whole
 from rths_cli.files.foreign_texts import lost_scans
 from rths_cli.files.measured_data.channel_roles import Chosen, choose
-from rths_cli.files.measured_data.channel_starts import aligned, differ, shifts
 from rths_cli.files.measured_data.file_formats import READ, read_contents
 from rths_cli.files.measured_data.hdf5_files import write_recording
-from rths_cli.files.measured_data.missing_samples import mend, missing
-from rths_cli.files.measured_data.recording import Column, Contents, Recording
-from rths_cli.files.measured_data.sample_interval import Clock, choose_interval, read_clock
+from rths_cli.files.measured_data.recording import (
+    Clock,
+    Column,
+    Contents,
+    Recording,
+    aligned,
+    choose_interval,
+    differ,
+    mend,
+    missing,
+    read_clock,
+    shifts,
+)
 from rths_cli.files.measured_data.units import FACTORS, is_time, unit_of
 from rths_cli.numerics.lti import Array
 from rths_cli.safe_text import LONGEST_NAME, shortened

@@ -16,10 +16,15 @@ from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_opening import RESTORE, Wanted, opened
 from rths_cli.files.hdf5_safety import LayoutError, held, part, values_of
 from rths_cli.files.matlab_files import hdf5_value, series
-from rths_cli.files.measured_data.channel_starts import numbers_of, states_start
 from rths_cli.files.measured_data.named_variables import Variable, contents_of
-from rths_cli.files.measured_data.recording import Column, Contents, Recording
-from rths_cli.files.measured_data.sample_interval import stated_interval
+from rths_cli.files.measured_data.recording import (
+    Column,
+    Contents,
+    Recording,
+    numbers_of,
+    stated_interval,
+    states_start,
+)
 from rths_cli.files.result_writer import refusal
 from rths_cli.files.staged_file import new_hdf5
 

@@ -12,9 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.measured_data.channel_starts import MOST, numbers_of, states_start
-from rths_cli.files.measured_data.recording import Column, Contents, listed
-from rths_cli.files.measured_data.sample_interval import stated_interval
+from rths_cli.files.measured_data.recording import (
+    MOST,
+    Column,
+    Contents,
+    listed,
+    numbers_of,
+    stated_interval,
+    states_start,
+)
 from rths_cli.numerics.lti import Array
 
 _NAMES = {"names", "name", "channels", "channelnames", "labels", "columns"}

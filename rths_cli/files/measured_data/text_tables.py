@@ -13,9 +13,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.foreign_texts import format_of, is_date
-from rths_cli.files.measured_data.channel_starts import states_start
-from rths_cli.files.measured_data.recording import Column, Contents
-from rths_cli.files.measured_data.sample_interval import stated_interval
+from rths_cli.files.measured_data.recording import Column, Contents, stated_interval, states_start
 from rths_cli.files.measured_data.units import is_unit
 from rths_cli.numerics.lti import Array
 

@@ -11,7 +11,7 @@ import numpy as np
 from rths_cli.numerics.bands import with_test_band
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
 from rths_cli.quantities import DATASETS
-from rths_cli.quantities.units import typeset
+from rths_cli.quantities.declaration import typeset
 from rths_cli.report.figures.figure_data import DESIRED, MEASURED, TABLE_RUNS, NotDrawn, Source
 from rths_cli.report.figures.panels import ACCELERATION_UNITS, Mark, dress, legend_below, lettered, new_figure
 from rths_cli.report.figures.style import BLACK, GREY, MEASURED_FRF, MODEL, ORANGE, PURPLE, RUNS, TRUE, VERMILLION, Look

@@ -1,4 +1,7 @@
-"""Figure of limits: peaks against the guard's limits, and the loop's margins."""
+"""Figures of limits (peaks against the guard's, margins of the loop), of the error budget, and of step timing.
+
+RMS errors by cause.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,35 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.errors import InputError
+from rths_cli.loop.lost_samples import without_samples
+from rths_cli.numerics.lti import Array
 from rths_cli.quantities import METRICS
-from rths_cli.quantities.units import typeset
-from rths_cli.report.figures.figure_data import MEASURED, NotDrawn, Source
-from rths_cli.report.figures.panels import Mark, dot_rows, dots_legend, lettered, new_figure
-from rths_cli.report.figures.style import BLACK, ORANGE, RUNS, VERMILLION
+from rths_cli.quantities.declaration import typeset
+from rths_cli.report.case_metric_tables import CAUSES
+from rths_cli.report.figures.figure_data import (
+    MEASURED,
+    TABLE_RUNS,
+    NotDrawn,
+    Source,
+    chosen_storeys,
+    interface_storey,
+    points_of_lines,
+    thinned,
+)
+from rths_cli.report.figures.panels import (
+    ERROR_UNITS,
+    MM_PER_M,
+    SECONDS,
+    Mark,
+    dot_rows,
+    dots_legend,
+    legend_below,
+    lettered,
+    new_figure,
+    trimmed_ticks,
+)
+from rths_cli.report.figures.style import BLACK, BLUE, GREEN, ORANGE, RUNS, VERMILLION, Look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -117,3 +144,129 @@ def _margin(ax: Axes, source: Source, name: str) -> None:
 def _figure(source: Source, path: str) -> float:
     found = source.metric(path)
     return float("nan") if found is None else float(found[0])
+
+
+ERROR_KINDS = {
+    "check": Mark("predicted before the run", ORANGE, "D", 5.0, filled=False),
+    "budget": Mark("measured", BLUE),
+}
+TOGETHER = "together"
+
+
+def error_budget(source: Source, width: str) -> Figure:
+    """Draw RMS errors by cause, predicted and measured: of tracking and of storeys to SIM, test band."""
+    kinds = [kind for kind in ERROR_KINDS if source.metric(f"{kind}.rms_error_coupling_m_s2") is not None]
+    if not kinds:
+        raise NotDrawn("no error by cause in the result")
+    count = np.size(source.result.metrics[f"{kinds[0]}.rms_error_coupling_m_s2"])
+    columns = [0, *chosen_storeys(count, interface_storey(source))]
+    causes = [cause for cause in CAUSES if any(error_by(source, k, cause, c) > 0.0 for k in kinds for c in columns)]
+    labels = [*(CAUSES[cause] for cause in causes), TOGETHER]
+    across = len(columns) if width == "two" else 2
+    down = -(-len(columns) // across)
+    figure = new_figure(source, width, 22.0 + down * (14.0 + 4.2 * len(labels)), source.band)
+    axes = list(figure.subplots(down, across, sharey=True, squeeze=False).ravel())
+    titles = ["tracking", *(f"storey {column}" for column in columns[1:])]
+    for ax, column, title in zip(axes, columns, lettered(titles), strict=False):
+        dot_rows(ax, labels, [(ERROR_KINDS[kind], _errors_mm(source, kind, causes, column)) for kind in kinds])
+        ax.set(title=title, xscale="log", xlabel=f"RMS error ({ERROR_UNITS})")
+        ax.margins(x=0.1)  # a mark at the end is whole
+        trimmed_ticks(ax, log=True)
+    for ax in axes[len(columns) :]:
+        ax.set_visible(False)
+    dots_legend(figure, [ERROR_KINDS[kind] for kind in kinds])
+    return figure
+
+
+def _errors_mm(source: Source, kind: str, causes: Sequence[str], column: int) -> Array:
+    """Return the errors by cause and together in mm/s^2, (n_causes + 1,); what is zero has no place on the axis."""
+    values = np.array([error_by(source, kind, cause, column) for cause in (*causes, "")])
+    return np.where(values > 0.0, MM_PER_M * values, np.nan)
+
+
+def error_by(source: Source, kind: str, cause: str, column: int) -> float:
+    """Return the RMS error in m/s^2 due to a cause ("": total), of a storey or, for column 0, of tracking."""
+    owner = "exp_rths" if kind == "budget" and not cause else kind
+    part = f"_{cause}" if cause else ""
+    found = source.metric(f"{owner}.rms_error{part}_m_s2" if column else f"{owner}.tracking_rms{part}_m_s2")
+    return float("nan") if found is None else float(found[max(column - 1, 0)])
+
+
+MICRO = 1e6
+LEAST_S = 1e-8  # zero has no place on a logarithmic axis
+TIMING_KINDS = {
+    "compute_s": Look("computing", BLUE, "solid", 0.7),
+    "late_s": Look("late", ORANGE, (0, (5.0, 1.5)), 0.9),
+    "exchange_s": Look("exchange", GREEN, (0, (1.5, 1.0)), 0.9),
+}
+INTERVAL = Look("sample interval", VERMILLION, (0, (4.0, 2.0)), 0.9)
+LOST = Look("no samples", VERMILLION)
+
+
+def timing(source: Source, width: str) -> Figure:
+    """Draw duration and lateness of a real run's steps and lost samples over time, and the share of longer steps."""
+    runs = source.runs(TABLE_RUNS)
+    if source.virtual:
+        raise NotDrawn("a run on a virtual table has no real time to keep")
+    times = {run: _times(source, run) for run in runs}
+    stacked = width == "one"
+    figure = new_figure(source, width, 20.0 + (2 if stacked else 1) * len(runs) * 42.0)
+    shape = (2 * len(runs), 1) if stacked else (len(runs), 2)
+    axes = list(figure.subplots(*shape, squeeze=False, width_ratios=None if stacked else (1.6, 1.0)).ravel())
+    titles = [text for run in runs for text in (RUNS[run].label, "steps that took longer")]
+    points = points_of_lines([1.0 for found in times.values() for _ in found for _ in range(2)])[0]
+    for i, run in enumerate(runs):
+        _over_time(axes[2 * i], source, run, times[run], points)
+        _exceedance(axes[2 * i + 1], source, times[run], points)
+    for ax, title in zip(axes, lettered(titles), strict=True):
+        ax.set_title(title)
+    kinds = dict.fromkeys(kind for found in times.values() for kind in found)
+    legend_below(figure, [*(TIMING_KINDS[kind] for kind in kinds), INTERVAL])
+    return figure
+
+
+def _times(source: Source, run: str) -> dict[str, Array]:
+    """Return the durations (n,) in s that a run's file holds, by name; computing times are in every file."""
+    found = {"compute_s": source.read(f"{run}/timing/compute_s")}
+    for kind in ("late_s", "exchange_s"):
+        values = _optional(source, f"{run}/timing/{kind}")
+        if values is not None:
+            found[kind] = values
+    return found
+
+
+def _optional(source: Source, name: str) -> Array | None:
+    """Return a dataset that not every run in real time has; None if there is none."""
+    try:
+        return source.read(name)
+    except InputError:
+        return None
+
+
+def _over_time(ax: Axes, source: Source, run: str, times: dict[str, Array], points: int) -> None:
+    time = source.read(f"{run}/timing/time_s")
+    for kind, values in times.items():
+        where, thin = thinned(time, np.maximum(values, LEAST_S), points)
+        ax.plot(where, MICRO * thin, **TIMING_KINDS[kind].line(dense=True))
+    ax.axhline(MICRO / source.rate_hz, **INTERVAL.line())
+    lost = _optional(source, f"{run}/timing/lost")
+    if lost is not None and np.any(without_samples(lost)):
+        at = time[without_samples(lost)]
+        ax.plot(at, np.full(at.size, 0.97), "|", color=LOST.color, ms=5.0, transform=ax.get_xaxis_transform())
+        ax.set_title(f"{at.size} steps without samples", loc="right", fontweight="normal", fontsize=6.5)
+    ax.set(yscale="log", xlim=(float(time[0]), float(time[-1])), xlabel=SECONDS, ylabel="duration (µs)")
+
+
+def _exceedance(ax: Axes, source: Source, times: dict[str, Array], points: int) -> None:
+    for kind, values in times.items():
+        longest, share = exceedance(values)
+        thin = np.unique(np.geomspace(1, longest.size, points).astype(int)) - 1
+        ax.plot(MICRO * np.maximum(longest[thin], LEAST_S), 100.0 * share[thin], **TIMING_KINDS[kind].line())
+    ax.axvline(MICRO / source.rate_hz, **INTERVAL.line())
+    ax.set(xscale="log", yscale="log", xlabel="duration (µs)", ylabel="share of steps (%)")
+
+
+def exceedance(values: Array) -> tuple[Array, Array]:
+    """Return durations (n,) in descending order, and the share (n,) of steps that took at least as long."""
+    known = np.sort(values[np.isfinite(values)])[::-1]
+    return known, np.arange(1, known.size + 1) / max(known.size, 1)

@@ -12,7 +12,7 @@ import numpy as np
 
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import DATASETS
-from rths_cli.quantities.units import typeset
+from rths_cli.quantities.declaration import typeset
 from rths_cli.report.figures.figure_data import Source, points_of_lines, thinned
 from rths_cli.report.figures.style import MM_PER_INCH, VERMILLION, WIDTHS_MM, Look, plain
 from rths_cli.report.result_scale import scale_words

@@ -19,16 +19,14 @@ from rths_cli.files.existing_files import Kind, check_existing, replaced_sentenc
 from rths_cli.files.result_reader import Result
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.interrupts import interruptible
-from rths_cli.report.figures import error_figures, frequency, histories, structural_figures
+from rths_cli.report.figures import frequency, histories, limit_bars, structural_figures
 from rths_cli.report.figures.figure_data import NotDrawn, Source
-from rths_cli.report.figures.limit_bars import limits
+from rths_cli.report.figures.limit_bars import limits, timing
 from rths_cli.report.figures.panels import heading
-from rths_cli.report.figures.study_figures import has_boundary, parallel, sobol, stability, tornado
+from rths_cli.report.figures.study_figures import has_boundary, parallel, sobol, stability, sweep_figure, tornado
 from rths_cli.report.figures.style import DPI, FORMS, METADATA, WIDTHS_MM, in_house_style
-from rths_cli.report.figures.sweep_figure import sweep_figure
-from rths_cli.report.figures.timing import timing
 from rths_cli.report.result_scale import in_model_scale
-from rths_cli.report.study_indices import indexed_keys
+from rths_cli.report.sweep_page import indexed_keys
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +50,7 @@ FIGURES: dict[str, Callable[[Source, str], Figure]] = {
     "hysteresis": structural_figures.hysteresis,
     "spectra": frequency.spectra,
     "delay_and_gain": frequency.delay_and_gain,
-    "error_budget": error_figures.error_budget,
+    "error_budget": limit_bars.error_budget,
     "limits": limits,
     "timing": timing,
 }

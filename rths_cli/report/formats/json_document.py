@@ -6,13 +6,11 @@ from dataclasses import asdict
 from typing import Any
 
 from rths_cli.quantities import metric
-from rths_cli.report.baseline_comparison import got_worse
-from rths_cli.report.group_comparison import Compared, Place, Statistics, over_runs, place_name
-from rths_cli.report.judged_limits import judge
+from rths_cli.report.group_comparison import Compared, Place, Repeats, Statistics, got_worse, over_runs, place_name
 from rths_cli.report.numbers import json_value
-from rths_cli.report.repeat_statistics import Repeats
 from rths_cli.report.report_contents import Baseline, Contents
 from rths_cli.report.result_tables import to_json
+from rths_cli.report.results_by_case import judge
 from rths_cli.report.sweep_page import document as sweep_document
 
 FORMAT, FORMAT_VERSION = "rths-report", 1

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from rths_cli.analysis.accept_limits import Judged
+from rths_cli.analysis.grade import Judged
 from rths_cli.files.result_reader import Result
 from rths_cli.report.answer import verdict
-from rths_cli.report.baseline_comparison import WORSE, CaseChanges, told
+from rths_cli.report.group_comparison import WORSE, CaseChanges, told
 from rths_cli.report.input_files import Unread
-from rths_cli.report.judged_limits import judge
+from rths_cli.report.results_by_case import judge
 
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
 NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

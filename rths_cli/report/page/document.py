@@ -1,37 +1,394 @@
-"""The whole page: its sections in their order, embedded style, scripts and data."""
+"""The whole page: its sections in their order, embedded style, scripts and data.
+
+Section of one case: error by cause, latency, timing of its steps, every metric.
+
+Section of the identified table: measured and modelled frequency response as a chart, numbers as tables.
+
+Section of error tables: those of report/paper_tables.py, single_case_table.py and paper_claims.py as HTML.
+
+The sections of sweeps and studies in the page: figures, summary, the study and its case, origin.
+"""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
 
+import numpy as np
+
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import written_whole
-from rths_cli.files.result_reader import Result
+from rths_cli.files.result_reader import Result, read_series
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.interrupts import interruptible
-from rths_cli.report.page import case_details, frequency, histories, overview
-from rths_cli.report.page.decimated_series import Pool
-from rths_cli.report.page.html import Html, classed, data_script, details, element, join
-from rths_cli.report.page.paper_tables import claims, error_tables
-from rths_cli.report.page.studies import studies_title, studies_told, study_section
-from rths_cli.report.page.summary import (
+from rths_cli.loop.lost_samples import without_samples
+from rths_cli.numerics.lti import Array, ComplexArray, Model
+from rths_cli.quantities.declaration import typeset
+from rths_cli.report.case_metric_tables import CAUSES, latency_text, named_causes
+from rths_cli.report.figures.figure_data import Pool, pack_floats
+from rths_cli.report.numbers import listed, percent, rounded, rounded_to_four, significant
+from rths_cli.report.page import histories, overview
+from rths_cli.report.page.html import Html, classed, data_script, details, element, framed, join, table
+from rths_cli.report.page.overview import (
+    BAD,
+    GOOD,
+    OPEN,
     case_files,
     commands,
+    facts,
     is_virtual,
     name_of,
+    pill,
     provenance,
     status,
     summary,
-    verdicts,
+    verdict_table,
+)
+from rths_cli.report.paper_tables import (
+    CLAIMS,
+    HELD,
+    NOT_HELD,
+    UNJUDGED,
+    Claim,
+    Verdict,
+    judge,
+    response_tables,
+    single_table,
+    tracking_tables,
 )
 from rths_cli.report.result_scale import scale_lines
-from rths_cli.report.results_by_case import Entry, entries
+from rths_cli.report.result_tables import TRUE, WORDS, test_band
+from rths_cli.report.results_by_case import Entry, entries, sources
+from rths_cli.report.sweep_page import grid_points, page_without_grid_points
+from rths_cli.report.text_layout import Cell, Row, Table, remarks
+
+GROUP = "identification"
+
+
+def response(result: Result) -> dict[str, str] | None:
+    """Return measured and modelled response of the table for JSON: Hz, m/s²/V, degrees; None if none is stored."""
+    if GROUP not in result.groups:
+        return None
+    frequency = _read(result, "frequency_hz")
+    measured = _read(result, "frf_real") + 1j * _read(result, "frf_imag")
+    modelled = model(result).sampled_response(frequency)
+    phase, of_model = phases(measured, modelled)
+    series = {
+        "frequency": frequency,
+        "measured": np.abs(measured),
+        "modelled": np.abs(modelled),
+        "phase": phase,
+        "modelled_phase": of_model,
+        "coherence": _read(result, "coherence"),
+    }
+    return {name: pack_floats(values) for name, values in series.items()}
+
+
+def phases(measured: ComplexArray, modelled: ComplexArray) -> tuple[Array, Array]:
+    """Return the phases (n,) in degrees: the model's unwrapped, the measured one nearest to it."""
+    unwrapped = np.unwrap(np.angle(modelled))
+    unwrapped += 2.0 * np.pi * (unwrapped[:1] < -0.5 * np.pi)  # near 0 Hz an acceleration is 180 deg before its cause
+    return np.degrees(unwrapped + np.angle(measured / modelled)), np.degrees(unwrapped)
+
+
+def model(result: Result) -> Model:
+    """Return the table model that the controllers of a result used."""
+    return Model(
+        zeros=_read(result, "zeros_real") + 1j * _read(result, "zeros_imag"),
+        poles=_read(result, "poles_real") + 1j * _read(result, "poles_imag"),
+        gain=_number(result, "gain"),
+        delay_s=_number(result, "delay_s"),
+        band_hz=(0.0, 0.0),
+        ripple_m_s2_per_v=_number(result, "ripple_m_s2_per_v"),
+        latency_samples=facts(result).latency_samples,
+        dt_s=1.0 / result.sample_rate_hz,
+        coupling_hz=_number(result, "coupling_hz"),
+    )
+
+
+def identification(result: Result) -> Html:
+    """Return tables of the identification: fit, delay, specimen, roots; "" without an identification."""
+    if GROUP not in result.groups:
+        return Html("")
+    return join([table([["Identified", "value"]], _numbers(result)), table([_ROOT_HEAD], _roots(result), "figures")])
+
+
+_ROOT_HEAD = ["Root of the table model", "frequency (Hz)", "damping ratio (%)"]
+
+
+def _numbers(result: Result) -> Iterator[list[str]]:
+    used = model(result)
+    yield ["source of the model", str(result.attributes.get("model_source") or "-")]
+    yield ["poles, zeros", f"{len(used.poles)}, {len(used.zeros)}"]
+    yield ["gain at low frequency", f"{significant(1e3 * used.low_frequency_gain_m_per_v, 4)} mm/V"]
+    yield ["delay told to the fit", f"{rounded(1e3 * used.delay_s)} ms"]
+    errors = [percent(_number(result, f"fit_error_{kind}")) for kind in ("rms", "max")]
+    yield [f"|fit / FRF - 1|, {result.compared}", f"RMS {errors[0]} %, largest {errors[1]} %"]
+    ratios = _read(result, "damping_ratio")
+    for mode, (hz, ratio) in enumerate(zip(_read(result, "natural_frequency_hz"), ratios, strict=True), 1):
+        yield [f"specimen, mode {mode}", f"{significant(hz, 4)} Hz, damping {percent(ratio)} %"]
+
+
+def _roots(result: Result) -> Iterator[list[str]]:
+    """Yield a row for each root or pair of roots that is not at the origin."""
+    used = model(result)
+    for kind, roots in (("pole", used.poles), ("zero", used.zeros)):
+        for root in sorted((r for r in roots if r.imag >= 0.0 and abs(r) > 1e-9), key=abs):
+            real = "real" if root.imag == 0.0 else percent(-root.real / abs(root))
+            yield [f"{kind}{'' if root.imag == 0.0 else ' pair'}", significant(abs(root) / (2.0 * np.pi), 4), real]
+
+
+def heading(virtual: bool) -> Html:
+    """Return the heading of the plots."""
+    what = "Identified virtual table" if virtual else "Identified table"
+    return element("h3", f"{what}: frequency response and model")
+
+
+def _read(result: Result, name: str) -> Array:
+    return np.asarray(read_series(result.path, f"{GROUP}/{name}"), dtype=float)
+
+
+def _number(result: Result, name: str) -> float:
+    return float(_read(result, name))
+
+
+JUDGED = {HELD: GOOD, NOT_HELD: BAD}
+
+
+def error_tables(cases: Sequence[Entry]) -> Html:
+    """Return the error tables of the cases on one shake table, with the legend and remarks on runs that failed."""
+    found = (
+        [single_table(cases[0], "mm/s^2")] if len(cases) == 1 else [*tracking_tables(cases), *response_tables(cases)]
+    )
+    lines = [*sources(cases), test_band(cases), *([TRUE] if cases[0].virtual else []), WORDS, *remarks(cases)]
+    return join([*(as_html(one) for one in found), *(classed("p", "note", line) for line in lines)])
+
+
+def as_html(shown: Table) -> Html:
+    """Return a table with its title, with bars as in the text form."""
+    corners = [""] * (len(shown.headers) - 1) + [shown.corner]
+    heads = (_row("th", corner, cells, shown) for corner, cells in zip(corners, shown.headers, strict=True))
+    rows = (_row("td", row.label, row.cells, shown) if row.cells else _heading(row, shown) for row in shown.rows)
+    title = typeset(shown.title)
+    about = {"class": "figures", "aria-label": title}
+    body = element("table", element("thead", *heads), element("tbody", *rows), attributes=about)
+    return join([element("h4", title), framed(body)])
+
+
+def claims(cases: Sequence[Entry]) -> Html:
+    """Return the counted verdicts on the paper's claims, with all comparisons folded."""
+    return join(_claim(place, claim, cases) for place, claim in enumerate(CLAIMS, 1))
+
+
+def _claim(place: int, claim: Claim, cases: Sequence[Entry]) -> Html:
+    found = judge(claim, cases, "")
+    if not found:
+        return Html("")
+    counts = element(
+        "div", *(part for source in dict.fromkeys(v.source for v in found) for part in _count(source, found))
+    )
+    rows = ([v.where, v.source, v.verdict, v.because] for v in found)
+    compared = table([["where", "source", "verdict", "metrics compared, measured (m/s²)"]], rows)
+    return join([element("p", element("strong", f"{place}. {claim.text}")), counts, details("comparisons", compared)])
+
+
+def _count(source: str, found: Sequence[Verdict]) -> Iterator[Html]:
+    mine = [verdict.verdict for verdict in found if verdict.source == source]
+    judged = [word for word in mine if word in JUDGED]
+    for word, kind in JUDGED.items():
+        if word in judged:
+            yield join([pill(kind, f"{source}: {word} in {judged.count(word)} of {len(judged)}"), " "])
+    if len(judged) < len(mine):
+        yield join([pill(OPEN, f"{source}: {UNJUDGED} in {len(mine) - len(judged)}"), " "])
+
+
+def _row(kind: str, label: str, cells: Sequence[Cell], shown: Table) -> Html:
+    """Return a row; the last cell of each group has a bar."""
+    ends = {sum(shown.groups[: place + 1]) for place in range(len(shown.groups))}
+    parts, column = [element("th", label, attributes={"scope": "row"} if kind == "td" else None)], 0
+    for cell in cells:
+        column += cell.span
+        span = {"colspan": str(cell.span)} if cell.span > 1 else {}
+        bar = {"class": "end"} if column in ends else {}
+        parts.append(element(kind, f"{cell.text}{cell.mark}".strip(), attributes=span | bar))
+    return element("tr", *parts)
+
+
+def _heading(row: Row, shown: Table) -> Html:
+    attributes = {"colspan": str(sum(shown.groups) + 1), "class": "heading"}
+    return element("tr", element("th", element("span", row.label), attributes=attributes))
+
+
+KINDS = {"check": "pred.", "budget": "meas."}
+TIMES = {
+    "late_s": "start of the exchange, late by",
+    "exchange_s": "exchange with the rig",
+    "compute_s": "step and guard",
+}
+SHARES = {"median": 50.0, "99 %": 99.0, "99.9 %": 99.9, "largest": 100.0}
+TABLES = {"exp_rths": "EXP-RTHS", "shake_table": "shake table test"}
+
+
+def every_figure(entry: Entry) -> Html:
+    """Return a table of all metrics of a case: path, unit, values by method, definition."""
+    methods = entry.results
+    paths = sorted({path for result in methods.values() for path in result.metrics})
+    return table([["metric", "unit", *methods, "definition"]], (_figure(path, methods) for path in paths))
+
+
+def by_cause(result: Result) -> Html:
+    """Return the error of EXP-RTHS by cause in mm/s², predicted and measured; "" if neither is known."""
+    kinds = [kind for kind in KINDS if f"{kind}.rms_error_coupling_m_s2" in result.metrics]
+    if not kinds:
+        return Html("")
+    storeys = np.atleast_1d(result.metrics[f"{kinds[0]}.rms_error_coupling_m_s2"]).size
+    columns = ["tracking", *(f"storey {storey}" for storey in range(1, storeys + 1))]
+    heads = (
+        tuple(Cell(column, len(kinds)) for column in columns),
+        tuple(Cell(KINDS[kind]) for kind in kinds) * len(columns),
+    )
+    rows = [
+        Row(label, tuple(Cell(text) for text in _causes(result, kinds, cause, storeys)))
+        for cause, label in {**CAUSES, "": "together"}.items()
+    ]
+    shown = tuple(row for row in rows if any(cell.text != "-" for cell in row.cells))
+    virtual = "; virtual" if is_virtual(result) else ""
+    title = f"Error by cause (RMS, mm/s^2, test band{virtual})"
+    named = named_causes(result)
+    whole = as_html(Table(title, "", (len(kinds),) * len(columns), 10, heads, shown))
+    return join([whole, element("p", named)]) if named else whole
+
+
+def latency(result: Result) -> Html:
+    """Return the latency budget as on the terminal; "" if it is not known."""
+    text = latency_text(result.metrics)
+    return framed(element("pre", text)) if text else Html("")
+
+
+def timing(result: Result) -> Html:
+    """Return the durations of the steps on a real rig in microseconds; "" for a virtual rig, which has no clock."""
+    if is_virtual(result):
+        return Html("")
+    rows = [row for run in TABLES if run in result.groups for row in _timing(result, run)]
+    if not rows:
+        return Html("")
+    return table([["loop timing (µs)", *SHARES]], rows, "figures")
+
+
+def _timing(result: Result, run: str) -> Iterator[list[str]]:
+    for name, label in TIMES.items():
+        values = _noted(result, f"{run}/timing/{name}")
+        if values is not None and np.any(np.isfinite(values)):
+            shares = np.nanpercentile(values, list(SHARES.values()))
+            yield [f"{TABLES[run]}: {label}", *(f"{1e6 * share:.1f}" for share in shares)]
+    overruns = result.attributes.get(f"{run}_overruns")
+    if overruns is not None:
+        yield [f"{TABLES[run]}: intervals overrun", "", "", "", str(overruns)]
+    lost = _noted(result, f"{run}/timing/lost")
+    if lost is not None:
+        yield [
+            f"{TABLES[run]}: steps without samples, of {lost.size}",
+            "",
+            "",
+            "",
+            str(int(np.count_nonzero(without_samples(lost)))),
+        ]
+
+
+def _noted(result: Result, name: str) -> Array | None:
+    """Return a timing signal (n,) of a loop, None if it is not stored (a recovered run, an old file)."""
+    from rths_cli.errors import InputError
+
+    try:
+        return np.asarray(read_series(result.path, name), dtype=float)
+    except InputError:
+        return None
+
+
+def _figure(path: str, methods: Mapping[str, Result]) -> list[str]:
+    having = next(result for result in methods.values() if path in result.metrics)
+    values = (_listed(result, path) for result in methods.values())
+    return [path, typeset(having.units.get(path, "")), *values, having.definitions.get(path, "")]
+
+
+def _listed(result: Result, path: str) -> str:
+    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), rounded_to_four, between="  ")
+
+
+def _causes(result: Result, kinds: list[str], cause: str, storeys: int) -> Iterator[str]:
+    for column in range(storeys + 1):
+        for kind in kinds:
+            figure = "rms_error" if column else "tracking_rms"
+            source = "exp_rths" if kind == "budget" and not cause else kind
+            values = result.metrics.get(f"{source}.{figure}{'_' if cause else ''}{cause}_m_s2")
+            yield "-" if values is None else f"{1e3 * float(np.atleast_1d(values)[max(column - 1, 0)]):.3f}"
+
+
+CAPTIONS = {
+    "sweep": "The metric over the varied keys{of}. A cross or an empty cell: a run was refused, aborted or failed.",
+    "tornado": "How far each key moves the median: grid points with its smallest and with its largest values{of}. "
+    "Grey bar: all values of the key. Black line: median of all grid points.",
+    "parallel": "Each line is a grid point{of}; its colour is its height on the last axis. Grey: a run was refused, "
+    "aborted or failed.",
+    "sobol": "Share of the variance that comes from each key; bars: one standard error.",
+    "stability": "Boundary of stability by the check, and how the runs ended. Shaded: the check forecasts an unstable "
+    "loop.",
+}
+ORIGIN = {
+    "created_utc": "Made",
+    "rths_version": "rths",
+    "command_line": "Command",
+    "seeds": "Seeds",
+    "grid_points": "Grid points",
+    "status_reason": "Runs",
+    "plan_sha256": "Hash of the plan",
+    "software_sha256": "Hash of the software",
+}
+
+
+def study_section(path: Path, sweep: Sweep) -> Html:
+    """Return the section of a sweep, given with its file."""
+    told = element("pre", page_without_grid_points(sweep, path).strip("\n"))
+    parts = [*_figures(sweep), element("h3", "Summary"), told]
+    if points := grid_points(sweep):
+        parts += [element("h3", "Grid points"), element("pre", points.rstrip("\n"))]
+    if sweep.study_yaml:
+        parts.append(details("The study", element("pre", sweep.study_yaml)))
+    parts.append(details("The case that is varied", element("pre", sweep.case_yaml)))
+    rows = [(label, str(sweep.attributes[name])) for name, label in ORIGIN.items() if name in sweep.attributes]
+    rows.append(("Processors", ", ".join(sorted({*sweep.texts["processor"]} - {""})) or "-"))
+    parts.append(details("Origin", table([["", path.name]], rows)))
+    return element("section", element("h2", path.stem), *parts)
+
+
+def studies_title(sweeps: Sequence[tuple[Path, Sweep]]) -> str:
+    """Return the title of a page of sweeps alone."""
+    return "Hybrid simulation: " + (f"study {sweeps[0][0].stem}" if len(sweeps) == 1 else f"{len(sweeps)} studies")
+
+
+def studies_told(sweeps: Sequence[tuple[Path, Sweep]]) -> str:
+    """Return the sentence below the title."""
+    runs = sum(len(sweep.seed) for _, sweep in sweeps)
+    rigs = ", ".join(sorted({str(sweep.attributes["rig"]) for _, sweep in sweeps}))
+    return f"{runs} runs of EXP-RTHS on the virtual shake table {rigs}: no table moved."
+
+
+def _figures(sweep: Sweep) -> Iterator[Html]:
+    from rths_cli.report.figures.write import sweep_images
+
+    seeds = sweep.seeds_per_point
+    of = f", median of {seeds} seeds" if seeds > 1 else ""
+    for name, image in sweep_images(sweep) if sweep.numbers is None else ():
+        source = f"data:image/svg+xml;base64,{base64.b64encode(image).decode('ascii')}"
+        told = CAPTIONS[name].format(of=of)
+        yield classed("div", "drawing", Html(f'<img src="{source}" alt="{told}">'))
+        yield classed("p", "caption", told)
+
 
 STYLES = ("uPlot.min.css", "page.css")
 SCRIPTS = ("uPlot.iife.min.js", "page.js")
@@ -127,7 +484,7 @@ def _sections(cases: Sequence[Entry], results: Sequence[Result], command_line: s
     contents = {
         "overview": [_overview(results)],
         "response": [overview.responses(results)],
-        "verdicts": [verdicts(results)],
+        "verdicts": [verdict_table(results)],
         "errors": _errors(cases),
         "histories": [
             *(classed("p", "note", sentence) for sentence in histories.left_out(results)),
@@ -173,7 +530,7 @@ def _overview(results: Sequence[Result]) -> Html:
 def _table_plots(virtual: bool) -> list[Html]:
     """Return the frames of the plots of the table, which the script fills."""
     time = element("div", attributes={"id": "time-plots"})
-    response = element("div", frequency.heading(virtual), element("div", attributes={"id": "frequency-plots"}))
+    response = element("div", heading(virtual), element("div", attributes={"id": "frequency-plots"}))
     return [element("div", attributes={"id": "table-controls"}), time, response]
 
 
@@ -182,16 +539,16 @@ def _case(entry: Entry, unfolded: bool) -> Html:
     names = dict.fromkeys(str(result.attributes.get("case_name") or "-") for result in entry.results.values())
     what = f"{', '.join(names)}: {entry.excitation}, damping {entry.damping}, {entry.controller}; {entry.table_name}"
     parts = [part for result in entry.results.values() for part in _result(result)]
-    figures = details("Every metric with its definition", case_details.every_figure(entry))
+    figures = details("Every metric with its definition", every_figure(entry))
     return details(what, *parts, figures, unfolded=unfolded)
 
 
 def _result(result: Result) -> Iterator[Html]:
     yield element("h3", name_of(result))
-    yield case_details.by_cause(result)
-    yield case_details.timing(result)
-    yield frequency.identification(result)
-    loop = case_details.latency(result)
+    yield by_cause(result)
+    yield timing(result)
+    yield identification(result)
+    loop = latency(result)
     yield details("Latency of the loop", loop) if loop else Html("")
     yield case_files(result)
 
@@ -200,7 +557,7 @@ def _data(results: Sequence[Result]) -> dict[str, object]:
     """Return the data of the plots; series and responses that several results share are stored once."""
     pool, responses, shown = Pool(), [], []
     for result in results:
-        measured = frequency.response(result)
+        measured = response(result)
         if measured is not None and measured not in responses:
             responses.append(measured)
         about = {"name": name_of(result), "remark": _remark(result), **histories.document(result, pool)}

@@ -10,10 +10,10 @@ import numpy as np
 from rths_cli.files.result_reader import Result, read_series
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import DATASETS
-from rths_cli.quantities.units import typeset
+from rths_cli.quantities.declaration import typeset
+from rths_cli.report.figures.figure_data import Pool, envelope, width_of
 from rths_cli.report.filtered_errors import evaluated_error
-from rths_cli.report.page.decimated_series import Pool, envelope, width_of
-from rths_cli.report.page.summary import RUNS
+from rths_cli.report.page.overview import RUNS
 from rths_cli.report.result_scale import series_factor
 
 BUILDINGS = ("sim", "sim_delay", "exp_rths")

@@ -1,28 +1,272 @@
-"""The first screen of the page: verdict, sketch of the building with its cut, and the table of its response."""
+"""The first screen of the page: verdict, sketch of the building with its cut, and the table of its response.
+
+The head of the page: status, accept limits and origin of every result, and the commands to repeat it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rths_cli.analysis.grade import GOOD as GOOD_TEST
 from rths_cli.analysis.grade import USABLE
+from rths_cli.case.yaml_reader import Source, parse, plain
 from rths_cli.files.result_reader import Result
 from rths_cli.files.stored_case import stored_case, storey_heights_m
 from rths_cli.numerics.lti import Array
-from rths_cli.quantities.units import typeset
-from rths_cli.report.answer import (
-    about,
-    base_shear,
-    grade,
-    not_accepted,
-    storey_columns,
-    storeys_with_laws,
-    verdict,
-)
-from rths_cli.report.page.html import Html, classed, details, element, join, table
-from rths_cli.report.page.summary import BAD, GOOD, OPEN, name_of
+from rths_cli.quantities.declaration import typeset
+from rths_cli.report.answer import about, base_shear, grade, not_accepted, storey_columns, storeys_with_laws, verdict
+from rths_cli.report.page.html import Html, classed, details, element, framed, join, table
+from rths_cli.report.result_scale import in_model_scale
+from rths_cli.rigs.description import capabilities_of
+
+MET, NOT_MET, NOT_JUDGED = "met", "not met", "not judged"
+RUNS = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "shake table test", "exp_rths": "EXP-RTHS"}
+
+
+@dataclass(frozen=True)
+class Limit:
+    """An `accept` limit of a case."""
+
+    path: str  # of the metric
+    limit: float
+    value: float | None  # of the metric; None: not computed
+    verdict: str  # MET, NOT_MET or NOT_JUDGED
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Values of a result's case that the page shows."""
+
+    missing: tuple[str, ...]  # requested runs that are not in the result
+    limits: tuple[Limit, ...]
+    latency_samples: int  # of the converters
+    notes: str  # of the case file
+
+
+def facts(result: Result) -> Facts:
+    """Return the values from the resolved case of a result; without a case, there are no limits and no missing runs."""
+    node, _ = parse(result.resolved_yaml, Source("case/resolved", Path()))
+    found = plain(node) if node is not None else {}
+    case: Mapping[str, Any] = found if isinstance(found, dict) else {}
+    accept = _mapping(case.get("accept"))
+    limits = tuple(_limit(result, str(path), limit) for path, limit in accept.items() if isinstance(limit, int | float))
+    latency = _mapping(_mapping(case.get("table")).get("converters")).get("latency_samples", 1)
+    missing = tuple(RUNS.get(str(run), str(run)) for run in case.get("runs") or () if run not in result.groups)
+    return Facts(missing, limits, latency if isinstance(latency, int) else 1, str(case.get("notes") or ""))
+
+
+def is_virtual(result: Result) -> bool:
+    """Return whether the rig of a result is virtual."""
+    return not capabilities_of(str(result.attributes.get("rig_kind", ""))).moves_hardware
+
+
+def status(result: Result) -> str:
+    """Return the status of a result."""
+    return str(result.attributes.get("status", "complete"))
+
+
+def name_of(result: Result) -> str:
+    """Return case and method of a result; on a real rig also the time of the run, as there may be several."""
+    a = result.attributes
+    when = "" if is_virtual(result) else f", {a.get('created_utc') or '-'}"
+    return f"{a.get('case_name') or '-'} ({a.get('method') or '-'}{when})"
+
+
+def _limit(result: Result, path: str, limit: float) -> Limit:
+    value = _figure(result, path)
+    if status(result) != "complete":
+        return Limit(path, limit, value, NOT_JUDGED)
+    return Limit(path, limit, value, MET if value is not None and abs(value) <= limit else NOT_MET)
+
+
+def _figure(result: Result, path: str) -> float | None:
+    """Return the value of a metric as `rths run` judges it: of the storey in the path, from 1, or the largest one."""
+    name, _, index = path.partition("[")
+    stored = in_model_scale(result).metrics
+    if name not in stored:
+        return None
+    values = np.atleast_1d(np.asarray(stored[name], dtype=float))
+    place = int(index.rstrip("]")) - 1 if index else int(np.abs(values).argmax())
+    return float(values[place]) if place < values.size else None
+
+
+def _mapping(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+GOOD, BAD, OPEN = "good", "bad", "open"
+CHECKED = {"safe": GOOD, "unsafe": BAD, "unstable": BAD}
+HEADS = ("result", "table", "status", "check before", "accept limits")
+SAID = "verdict"  # of several results, whose first screen shows one
+
+
+def verdict_table(results: Sequence[Result]) -> Html:
+    """Return a table with a row for every result, whatever its status, followed by the warnings."""
+    heads = (*HEADS, SAID) if len(results) > 1 else HEADS
+    head = element("tr", *(element("th", text) for text in heads))
+    rows = join(element("tr", *_cells(result, heads)) for result in results)
+    return join([framed(classed("table", "words", element("thead", head), element("tbody", rows))), *_notes(results)])
+
+
+def summary(results: Sequence[Result]) -> str:
+    """Return in words the number of results by status, and the number of accept limits by verdict."""
+    ends = [status(result) for result in results]
+    told = [f"{ends.count(end)} {end}" for end in dict.fromkeys(ends)]
+    limits = [limit.verdict for result in results for limit in facts(result).limits]
+    judged = ", ".join(f"{limits.count(word)} {word}" for word in dict.fromkeys(limits))
+    return f"{', '.join(told)}; {f'accept limits: {judged}' if limits else 'no accept limits set'}"
+
+
+def pill(kind: str, text: str) -> Html:
+    """Return a verdict as a coloured word; `kind` selects the colour."""
+    return classed("span", f"pill {kind}", text)
+
+
+def _cells(result: Result, heads: Sequence[str]) -> Iterator[Html]:
+    a = result.attributes
+    kind = "virtual" if is_virtual(result) else f"{a.get('rig_kind', '-')} {a.get('driver_verified', '')}".strip()
+    checked = str(a.get("check_verdict") or "-")
+    contents: tuple[Iterable[str], ...] = (
+        [f"{a.get('rig', '-')}, {kind}"],
+        _ending(result),
+        [pill(CHECKED.get(checked, OPEN), checked), *_overrides(result)],
+        _limits(facts(result).limits),
+        [verdict(result)],
+    )
+    yield element("th", name_of(result), attributes={"scope": "row"})
+    for head, content in zip(heads[1:], contents, strict=False):
+        yield element("td", *content, attributes={"data-head": head})
+
+
+def _ending(result: Result) -> Iterator[Html]:
+    """Yield status, reason, and requested runs that are missing."""
+    end, reason = status(result), str(result.attributes.get("status_reason") or "")
+    yield pill(GOOD if end == "complete" else BAD, end)
+    told = [reason] if reason else ["no reason stored"] if end != "complete" else []
+    missing = facts(result).missing
+    told += [f"missing: {', '.join(missing)}"] if missing else []
+    yield from (classed("div", "reason", text) for text in [*told, *_divergences(result)])
+
+
+def _notes(results: Sequence[Result]) -> Iterator[Html]:
+    """Yield each warning once, with the results to which it applies."""
+    said: dict[str, list[str]] = {}
+    for result in results:
+        for text in str(result.attributes.get("warnings") or "").splitlines():
+            said.setdefault(text, []).append(name_of(result))
+    for text, names in said.items():
+        about = "all results" if len(names) == len(results) else ", ".join(names)
+        yield classed("p", "note", f"Note on {about}: {text}")
+
+
+def _divergences(result: Result) -> Iterator[str]:
+    for path, value in result.metrics.items():
+        if path.endswith(".diverged_at_s"):
+            yield f"{path.partition('.')[0]} diverged at {float(value):.2f} s"
+
+
+def _overrides(result: Result) -> Iterator[Html]:
+    if result.attributes.get("overrides"):
+        yield classed("div", "reason", f"overridden: {result.attributes['overrides']}")
+
+
+def _limits(limits: Sequence[Limit]) -> Iterator[Html]:
+    if not limits:
+        yield Html("none")
+    for one in limits:
+        value = "not computed" if one.value is None else f"{one.value:.4g}"
+        kind = GOOD if one.verdict == MET else BAD if one.verdict == NOT_MET else OPEN
+        text = f" {one.path}: {value}, limit {one.limit:g}"
+        yield element("div", pill(kind, one.verdict), text)
+
+
+ABOUT = {
+    "rths_version": "version of rths",
+    "git_commit": "commit",
+    "package_versions": "packages",
+    "platform": "platform",
+    "rig": "rig",
+    "rig_kind": "kind of rig",
+    "calibration": "calibration of the rig",
+    "driver_verified": "driver verified on",
+    "seed": "seed",
+    "sample_rate_hz": "sample rate (Hz)",
+    "record_name": "record",
+    "record_sha256": "record, SHA-256",
+    "record_baseline": "removed from the record",
+    "model_sha256": "table model, SHA-256",
+    "model_source": "table model from",
+    "overrides": "overrides",
+}
+
+
+def provenance(results: Sequence[Result]) -> Html:
+    """Return the origin of the results, each value once with its results, and the files of the results."""
+    rows = (row for key, label in ABOUT.items() for row in _rows(results, key, label))
+    made = ([name_of(r), r.path.name, str(r.attributes.get("created_utc") or "-")] for r in results)
+    head = ["", "value", "results"] if len(results) > 1 else ["", "value"]
+    told = (row[: len(head)] for row in rows)
+    return join([table([head], told), table([["result", "file", "created (UTC)"]], made)])
+
+
+def commands(results: Sequence[Result], command_line: str) -> Html:
+    """Return the commands that made the results and the page, each with a button to copy it."""
+    made = dict.fromkeys(str(result.attributes.get("command_line") or "") for result in results)
+    lines = {
+        **{line: "made results" for line in made if line},
+        **({command_line: "made this page"} if command_line else {}),
+    }
+    return join(_command(place, line, about) for place, (line, about) in enumerate(lines.items()))
+
+
+def case_files(result: Result) -> Html:
+    """Return the notes of a result's case, and folded its text as written and with all defaults."""
+    notes = facts(result).notes
+    parts = [classed("p", "note", f"Notes of the case: {notes}")] if notes else []
+    for title, text in (("Case file as written", result.case_yaml), ("Case with all defaults", result.resolved_yaml)):
+        parts += [details(title, element("pre", text))] if text else []
+    return join(parts)
+
+
+def _command(place: int, line: str, about: str) -> Html:
+    name = f"command-{place}"
+    button = element("button", "copy", attributes={"type": "button", "class": "copy", "data-copy": name})
+    code = element("code", line, attributes={"id": name})
+    return classed("div", "command", element("span", about), element("pre", code), button)
+
+
+def _rows(results: Sequence[Result], key: str, label: str) -> Iterator[list[str]]:
+    """Yield a row for each value of an attribute: the value, and the results that have it."""
+    said: dict[str, list[str]] = {}
+    for result in results:
+        said.setdefault(_value(result, key), []).append(name_of(result))
+    for place, (value, names) in enumerate(said.items()):
+        if value or len(said) > 1:
+            yield ["" if place else label, value or "-", "all" if len(said) == 1 else ", ".join(names)]
+
+
+def _value(result: Result, key: str) -> str:
+    text = str(result.attributes.get(key, "") if result.attributes.get(key) is not None else "")
+    return ", ".join(_packages(text)) if key == "package_versions" else text
+
+
+def _packages(text: str) -> Iterator[str]:
+    """Yield name and version of each package of a JSON mapping; another text is yielded unchanged."""
+    try:
+        found = json.loads(text)
+    except ValueError:
+        found = None
+    if isinstance(found, dict):
+        yield from (f"{name} {version}" for name, version in found.items())
+    elif text:
+        yield text
+
 
 MOST_RESULTS_UNFOLDED = 1
 WIDE, HIGH, GROUND = 264.0, 330.0, 314.0  # of the sketch, and where its ground is, in px

@@ -18,7 +18,7 @@ import numpy as np
 from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.rigs.udp import packets
-from rths_cli.rigs.udp.siphash import Bytes, Words, siphash
+from rths_cli.rigs.udp.packets import Bytes, Words, siphash
 
 PERIOD_NS = 10_000_000_000  # an ARM is accepted in the period of its WELCOME and in the next one
 KEY_LABEL = int.from_bytes(b"rths-key", "little")

@@ -16,7 +16,7 @@ from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.compiled import part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
-from rths_cli.rigs.udp.siphash import Bytes
+from rths_cli.rigs.udp.packets import Bytes
 
 POINTS, SPACING = range(2)  # indices in Way.marks
 FARTHEST_V = 1e6  # largest accepted point, so that no position between two points overflows

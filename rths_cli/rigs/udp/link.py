@@ -16,7 +16,7 @@ from rths_cli.numerics.compiled import borrowed, entry, external, kept_part, par
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.late_command_trajectory import POINTS, Way, fresh_way, put_way, words_of
-from rths_cli.rigs.udp.siphash import Bytes, Words
+from rths_cli.rigs.udp.packets import Bytes, Words
 
 OK, LOST, FAULT = range(3)  # what `exchange` returns
 NO_TIMEOUT_NS = 1 << 62

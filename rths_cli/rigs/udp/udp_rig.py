@@ -15,11 +15,9 @@ from rths_cli.rigs.interface import COMPILED_LINK, Commands, RigInfo, one_actuat
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.fault_sentences import fault_names
-from rths_cli.rigs.udp.key_file import read_secret
 from rths_cli.rigs.udp.link import Link, begin_session, converse_at, fresh_link, prepare
-from rths_cli.rigs.udp.session import GREETING_S, Session, Terms, greet
-from rths_cli.rigs.udp.siphash import Words
-from rths_cli.rigs.udp.sockets import connected, on_this_machine
+from rths_cli.rigs.udp.packets import Words
+from rths_cli.rigs.udp.session import GREETING_S, Session, Terms, connected, greet, on_this_machine, read_secret
 
 ANSWER_SHARE = 0.7  # default timeout of an answer over the sample interval
 ARMING_TRIES = 50  # ARM packets without an answer before a new session is begun, once

@@ -21,9 +21,10 @@ from rths_cli.rigs.virtual.imperfect.from_laboratory import imperfect_plant
 from rths_cli.rigs.virtual.imperfect.plant import ImperfectPlant, ImperfectState
 from rths_cli.rigs.virtual.laboratory import Laboratory, laboratory_of, number_of, of_run
 from rths_cli.rigs.virtual.plant import Parts, accelerations, continuous, levels, velocities, with_sensors
-from rths_cli.rigs.virtual.plant_kernel import Plant, PlantState
-from rths_cli.rigs.virtual.specimen_laws import (
+from rths_cli.rigs.virtual.plant_kernel import (
     NoLaws,
+    Plant,
+    PlantState,
     SpecimenLaws,
     law_columns,
     law_rows,

@@ -17,8 +17,8 @@ from scipy.signal import freqs, freqs_zpk, zpk2tf
 
 from rths_cli.errors import InputError
 from rths_cli.files import sandboxed_reading
+from rths_cli.files.foreign_models import is_foreign, read_foreign
 from rths_cli.files.hdf5 import Dataset
-from rths_cli.files.imported_models import is_foreign, read_foreign
 from rths_cli.files.model_file import write_model
 
 FREQUENCY_HZ = np.geomspace(0.3, 60.0, 50)

@@ -16,7 +16,7 @@ from typing import Any
 
 from rths_cli.cli import main as rths_main
 from rths_cli.report import check_page, figures, page, report_options  # noqa: F401
-from rths_cli.report.export import export_command as _export  # noqa: F401 imported before processes are copied, to save their time
+from rths_cli.report import export_files as _export  # noqa: F401 imported before processes are copied, to save their time
 from rths_cli.studies import sweep  # noqa: F401
 
 LIMIT_S = 5.0  # of the processor, which a busy machine does not change

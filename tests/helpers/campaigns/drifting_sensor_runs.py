@@ -15,21 +15,23 @@ import numpy as np
 from campaigns.drifting_rig import DriftingRig
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.analysis.sim import simulate
-from rths_cli.experiment import error_budget_metrics as budget
+from rths_cli.experiment import run_metrics as budget
 from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.design import Design
-from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import AFTER_S, BEFORE_S, drive_of
-from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_virtual
-from rths_cli.experiment.run_signals import on_record_clock, whole_building, without_drift
-from rths_cli.experiment.sensor_drift_report import (
+from rths_cli.experiment.real_rig_readiness import EXP_RTHS, guard_limits, open_virtual
+from rths_cli.experiment.run_metrics import lowest_reliable_hz
+from rths_cli.experiment.run_signals import (
     SensorDrift,
     drift_of,
     expected_of,
+    on_record_clock,
     sensitivities,
     sentences,
     stands_out,
+    whole_building,
+    without_drift,
 )
 from rths_cli.experiment.setup import Setup
 from rths_cli.loop.realtime_run import way_to_rest_s

@@ -24,7 +24,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache, save
 from rths_cli.experiment.setup import make_setup
-from rths_cli.rigs.udp.key_file import make_secret
+from rths_cli.rigs.udp.session import make_secret
 
 HERE = Path(__file__).parent
 TREE = HERE.parents[2]

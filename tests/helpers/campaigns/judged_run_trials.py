@@ -21,9 +21,9 @@ from rths_cli.experiment import identify_on_rig
 from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import TABLE_RUNS, RunKind, plan_run, play_run
+from rths_cli.experiment.run_case import why_none, why_unsafe
 from rths_cli.experiment.run_signals import mean_accelerations
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs_of_case import why_none, why_unsafe
 from rths_cli.loop.simulated_time_run import Outcome
 from rths_cli.numerics.lti import Array
 

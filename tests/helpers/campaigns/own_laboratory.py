@@ -20,7 +20,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import drive_of
-from rths_cli.experiment.rig_access import guard_limits
+from rths_cli.experiment.real_rig_readiness import guard_limits
 from rths_cli.experiment.setup import make_setup
 from rths_cli.loop import realtime_run
 from rths_cli.loop.diagnosis import cause_of
@@ -28,7 +28,7 @@ from rths_cli.loop.run_log import signals, sizes_of
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.rigs.description import RigInfo
-from rths_cli.rigs.udp.key_file import make_secret
+from rths_cli.rigs.udp.session import make_secret
 
 HERE = Path(__file__).parent
 TREE = HERE.parents[2]

@@ -21,7 +21,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
 from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.identify_on_rig import UnfitRig
-from rths_cli.experiment.model_choice import Known, Memory
+from rths_cli.experiment.model_choice import IdentifiedModel, Memory
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
@@ -153,7 +153,7 @@ def _faults(error: RthsError) -> tuple[str, ...]:
     return error.faults if isinstance(error, InputError) else (str(error),)
 
 
-def _reasons(known: Known, checked: Verdict) -> tuple[str, ...]:
+def _reasons(known: IdentifiedModel, checked: Verdict) -> tuple[str, ...]:
     """Return why a test is refused, one sentence each: the model's reasons are joined in the verdict."""
     faults = known.faults(())
     model = known.found.reasons if faults else ()

@@ -15,8 +15,7 @@ from rths_cli.analysis.sim import Response, simulate
 from rths_cli.analysis.stability_check import Stability, stability
 from rths_cli.control.numerical_substructure import all_storeys
 from rths_cli.experiment.check_command import Verdict
-from rths_cli.experiment.design import Design
-from rths_cli.experiment.loop_stability_of_case import required_delay_s
+from rths_cli.experiment.design import Design, required_delay_s
 from rths_cli.experiment.setup import Setup
 from rths_cli.identification.results import Identification
 from rths_cli.identification.table_fit import within

@@ -11,7 +11,7 @@ from bare_rig import BareRig
 from rths_cli.experiment.design import Design
 from rths_cli.experiment.one_table_run import HYBRID_TEST, SHAKE_TABLE_TEST, RunKind, RunPlan, drive_of, plan_run
 from rths_cli.experiment.planned_motion import planned_motion
-from rths_cli.experiment.rig_access import open_virtual
+from rths_cli.experiment.real_rig_readiness import open_virtual
 from rths_cli.experiment.setup import Setup
 from rths_cli.identification.results import Identification
 from rths_cli.loop.simulated_time_run import Outcome, play

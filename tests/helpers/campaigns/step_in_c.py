@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from campaigns.step_run import Inputs, State
-from rths_cli.loop.friction_feedforward import CompensatedFeedforward
-from rths_cli.loop.linear_parts import LinearFeedforward
+from rths_cli.loop.linear_parts import CompensatedFeedforward, LinearFeedforward
 
 SOURCE = Path(__file__).parent / "step.c"
 OPTIONS = ("-O3", "-march=native", "-fPIC", "-shared")

@@ -11,7 +11,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
-from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_rig
+from rths_cli.experiment.real_rig_readiness import EXP_RTHS, guard_limits, open_rig
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard
 from rths_cli.loop.run_log import Log, Signals, Sizes, empty_log, signals, sizes_of, widths

@@ -11,7 +11,7 @@ import pytest
 from made_result import STOPPED, YAML, N, contents, make
 
 from rths_cli.files.result_reader import ResultWriter
-from rths_cli.report.export.export_command import ExportRequest, export
+from rths_cli.report.export_files import ExportRequest, export
 
 ENDS = {"abs_accel_m_s2": ("storey", (1, 2, 3)), "floor_accel_measured_m_s2": ("floor", (2, 3))}
 

@@ -15,8 +15,8 @@ from scipy.io import loadmat
 from warm_command import rths_words
 
 from rths_cli.errors import InputError
-from rths_cli.report.export import csv_files
-from rths_cli.report.export.export_command import FORMATS, ExportRequest, export
+from rths_cli.report import export_files
+from rths_cli.report.export_files import FORMATS, ExportRequest, export
 
 ROOT = Path(__file__).parents[3]
 
@@ -102,7 +102,7 @@ def test_what_fails_halfway_leaves_nothing(
     def fail(*_: object) -> None:
         raise fault
 
-    monkeypatch.setattr(csv_files, "notes", fail)  # the last file, when all tables are written
+    monkeypatch.setattr(export_files, "notes", fail)  # the last file, when all tables are written
     with pytest.raises(InputError if isinstance(fault, OSError) else KeyboardInterrupt, match=r"No space left|^$"):
         export(ExportRequest((result,), "csv", tmp_path / "out"))
     assert list((tmp_path / "out").iterdir()) == []

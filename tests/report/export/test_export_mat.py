@@ -14,8 +14,8 @@ from scipy.io import loadmat
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import ResultWriter
-from rths_cli.report.export import matlab_file
-from rths_cli.report.export.export_command import ExportRequest, export
+from rths_cli.report import export_files
+from rths_cli.report.export_files import ExportRequest, export
 
 OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
 
@@ -95,7 +95,7 @@ def test_texts_are_characters(mat: dict[str, Any]) -> None:
     ],
 )
 def test_names_are_matlabs(name: str, legal: str) -> None:
-    assert matlab_file.legal_name(name) == legal
+    assert export_files.legal_name(name) == legal
 
 
 def test_long_names_of_figures_keep_63_characters(tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_the_header_has_no_time_of_writing(result: Path) -> None:
 def test_more_than_the_format_holds_is_refused_before_it_is_read(
     result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(matlab_file, "LARGEST_BYTES", 2000)
+    monkeypatch.setattr(export_files, "LARGEST_BYTES", 2000)
     with pytest.raises(InputError, match=r"group exp_rths takes 0\.0 GB, a \.mat file of version 5 holds") as refused:
         export(ExportRequest((result,), "mat", tmp_path))
     assert "h5read" in refused.value.faults[0] and list(tmp_path.iterdir()) == []

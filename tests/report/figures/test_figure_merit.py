@@ -6,9 +6,9 @@ import pytest
 from made_up_results import CAUSES, PREDICTED, RATE, write_result
 
 from rths_cli.files.result_reader import read_result
-from rths_cli.report.error_budget_table import CAUSES as WORDS
+from rths_cli.report.case_metric_tables import CAUSES as WORDS
 from rths_cli.report.figures import NotDrawn, draw
-from rths_cli.report.figures.timing import exceedance
+from rths_cli.report.figures.limit_bars import exceedance
 
 BLACK, BLUE, VERMILLION, GREEN, ORANGE = "#000000", "#0072B2", "#D55E00", "#009E73", "#E69F00"
 

@@ -8,7 +8,7 @@ import pytest
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import Figure, Sweep
 from rths_cli.report.figures import NotDrawn, write_sweep_figures
-from rths_cli.report.figures.sweep_figure import sweep_figure
+from rths_cli.report.figures.study_figures import sweep_figure
 
 STOREYS, TRACKING, MARGIN = "exp_rths.rms_error_m_s2", "exp_rths.tracking_rms_m_s2", "check.delay_margin_s"
 

@@ -10,10 +10,9 @@ from campaigns.synthetic_study import ishigami
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import Figure, Sweep
 from rths_cli.report.figures import NotDrawn
-from rths_cli.report.figures.study_figures import has_boundary, parallel, sobol, stability, tornado
-from rths_cli.report.figures.sweep_figure import sweep_figure
-from rths_cli.report.study_indices import indices_document, indices_of, indices_text
-from rths_cli.studies.sampling import unit_samples
+from rths_cli.report.figures.study_figures import has_boundary, parallel, sobol, stability, sweep_figure, tornado
+from rths_cli.report.sweep_page import indices_document, indices_of, indices_text
+from rths_cli.studies.study_plan import unit_samples
 
 STOREYS, TRACKING, RADIUS = "exp_rths.rms_error_m_s2", "exp_rths.tracking_rms_m_s2", "check.spectral_radius"
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rths_cli.report.page.decimated_series import Pool, envelope, kept, pack, pack_floats, thinned, width_of
+from rths_cli.report.figures.figure_data import Pool, envelope, kept, pack, pack_floats, thinned_envelope, width_of
 
 VALUES = st.floats(-1e3, 1e3, allow_nan=False) | st.just(float("nan"))
 
@@ -44,7 +44,7 @@ def test_a_cut_stays_a_cut() -> None:
 def test_thinning_an_envelope_is_the_envelope_of_the_series(factor: int) -> None:
     values = np.random.default_rng(1).standard_normal(9_999)
     fine = envelope(values, 0.0, 0.001, 10)
-    assert np.array_equal(thinned(fine, 10 * factor).index, kept(values, 10 * factor))
+    assert np.array_equal(thinned_envelope(fine, 10 * factor).index, kept(values, 10 * factor))
 
 
 @pytest.mark.parametrize("samples", [0, 1, 2, 3, 1001, 2_000_000])

@@ -9,9 +9,22 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.virtual.imperfect.channels import ACCELERATION, DISPLACEMENT, DRIFT, FORCE, Sensing
-from rths_cli.rigs.virtual.imperfect.equations import BRISTLE, DQ, FLOORS, PITCH, F, Mechanics, X
-from rths_cli.rigs.virtual.imperfect.plant import FARTHEST, ImperfectPlant
+from rths_cli.rigs.virtual.imperfect.plant import (
+    ACCELERATION,
+    BRISTLE,
+    DISPLACEMENT,
+    DQ,
+    DRIFT,
+    FARTHEST,
+    FLOORS,
+    FORCE,
+    PITCH,
+    F,
+    ImperfectPlant,
+    Mechanics,
+    Sensing,
+    X,
+)
 from rths_cli.rigs.virtual.laboratory import HUM_PHASE, PER_RUN, Laboratory
 from rths_cli.structure.storey_laws import MAXWELL
 

@@ -1,0 +1,164 @@
+"""`rths list`, `rths new`, `rths records`, `rths schema`, `rths structure`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import textwrap
+from pathlib import Path
+
+import click
+
+from rths_cli.cli.command_group import cli
+from rths_cli.cli.options import FILE, Number, json_option, no_replace_option
+from rths_cli.cli.terminal import page_width, show_page
+
+KINDS = ("cases", "structures", "rigs", "records", "references")
+
+
+@cli.command("list")
+@click.argument("kind", type=click.Choice(KINDS), metavar="KIND")
+@json_option
+def list_kind(kind: str, as_json: bool) -> int:
+    """List what a case may name and `rths run` takes here: your own files first, with their paths, then shipped ones.
+
+    KIND: cases, structures, rigs, records or references.
+
+    Example: rths list structures
+    """
+    return show_list(kind, as_json)
+
+
+def show_list(kind: str, as_json: bool) -> int:
+    """Print the files of a kind, a line for each; on a terminal the lines are wrapped. Return the exit code."""
+    from rths_cli.laboratory.listing import list_files
+
+    found = list_files(kind)
+    if as_json:
+        listed = [
+            {"name": one.name, "file": one.file, "own": one.own, "description": one.description, **one.details}
+            for one in found
+        ]
+        click.echo(json.dumps({kind: listed}, indent=2))
+        return 0
+    label = max((len(one.name) for one in found), default=0) + 2
+    for one in found:
+        where = f" ({one.file})" if one.own and one.file not in one.description else ""
+        line = f"{one.name:<{label}}{one.description}{where}"
+        click.echo(_wrapped(line, label) if sys.stdout.isatty() else line)
+    if not found:
+        click.echo(f"no {kind} here", err=True)
+    return 0
+
+
+def _wrapped(line: str, indent: int) -> str:
+    return textwrap.fill(line, page_width(), subsequent_indent=" " * indent, break_on_hyphens=False)
+
+
+@cli.command()
+@click.argument("path", type=FILE, metavar="FILE")
+@json_option
+def new(path: Path, as_json: bool) -> int:
+    """Write a commented case file to start from; an existing file is left alone.
+
+    Example: rths new my_case.yaml
+    """
+    from rths_cli.case.template import case_template
+    from rths_cli.files.durable_files import write_new
+
+    write_new(path, case_template())
+    click.echo(json.dumps({"written": str(path)}) if as_json else f"wrote {path}; try: rths run {path}")
+    return 0
+
+
+@cli.command()
+@click.argument("record", required=False)
+@click.option("--unit", help="Unit of the accelerations, where the file does not state it (g, cm/s^2, ...).")
+@click.option(
+    "--dt", "dt_s", type=Number(min=0, min_open=True), help="Sample interval in s, where the file does not state it."
+)
+@click.option(
+    "--scale",
+    "scale",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Show the record as a case with this scale compresses it, for instance --scale length=2.4. Repeatable.",
+)
+@click.option(
+    "--baseline",
+    type=click.Choice(["mean", "linear", "none"]),
+    help="Show the record without its mean or its straight line, as a case with this key takes it.",
+)
+@json_option
+def records(
+    record: str | None,
+    unit: str | None,
+    dt_s: float | None,
+    scale: tuple[str, ...],
+    baseline: str | None,
+    as_json: bool,
+) -> int:
+    """Show a ground motion: peaks, duration, response spectrum. Without RECORD: list those that are known.
+
+    Example: rths records el_centro
+    """
+    if record is None:
+        if scale:
+            raise click.UsageError("--scale compresses one record; name it: rths records RECORD --scale length=2.4")
+        return show_list("records", as_json)
+    from rths_cli.case.structure_schema import read_scale
+    from rths_cli.laboratory.listing import show
+
+    document, text = show(record, unit, dt_s, page_width(), read_scale(scale), baseline)
+    click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
+    return 0
+
+
+SCHEMA_KINDS = ("case", "structure", "rig", "reference", "study")
+
+
+@cli.command()
+@click.argument("kind", type=click.Choice(SCHEMA_KINDS), default="case", metavar=f"[{'|'.join(SCHEMA_KINDS)}]")
+@json_option
+def schema(kind: str, as_json: bool) -> int:
+    """Print the JSON Schema of case files (or of what they name, or of a study), for editors.
+
+    Example: rths schema > case.schema.json
+    """
+    from rths_cli.case.json_schema import schema as build_schema
+
+    click.echo(json.dumps(build_schema(kind), indent=2))
+    return 0
+
+
+@cli.command()
+@click.argument("structure", required=False, metavar="[NAME|FILE]")
+@click.option("--figure", type=FILE, metavar="FILE", help="Draw building and mode shapes, .pdf, .svg or .png.")
+@no_replace_option
+@json_option
+def structure(structure: str | None, figure: Path | None, no_replace: bool, as_json: bool) -> int:
+    """Show a building before anything is run: modes, damping, mass split, stiffnesses, doubts on units.
+
+    A case shows its building, with its own damping. Without NAME: the structures that are known. Exit code 1: the
+    building cannot have one of its damping levels.
+
+    Example: rths structure three_storey
+    """
+    if structure is None:
+        return show_list("structures", as_json)
+    from rths_cli.laboratory.describe import inspect_structure
+    from rths_cli.report.structure_page import document, page
+
+    found = inspect_structure(structure)
+    if figure is not None:
+        from rths_cli.files.existing_files import Kind, check_existing
+        from rths_cli.report.figures.structural_figures import write_figure
+
+        replaced = check_existing([(figure, Kind.DOCUMENT)], not no_replace, streams=True)
+        write_figure(found, figure)
+        click.echo(f"{'replaced' if replaced else 'wrote'} {figure}", err=True)
+    if as_json:
+        click.echo(json.dumps(document(found), indent=2))
+    else:
+        show_page(lambda: page(found, page_width()))
+    return found.exit_code

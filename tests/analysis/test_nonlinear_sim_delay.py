@@ -199,6 +199,7 @@ def test_laws_agree_with_runge_kutta(name: str, delay_s: float) -> None:
     assert difference(found, integrated(building, LAWS[name], ground(3.0), delay_s)) < 1e-5
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("storey", [1, 2, 3, 5])
 @pytest.mark.parametrize("interface_mass_kg", [0.0, 2.0])
 def test_any_cut_agrees_too_and_laws_on_the_table(storey: int, interface_mass_kg: float) -> None:

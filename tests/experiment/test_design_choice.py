@@ -190,6 +190,7 @@ def test_automatic_counters_the_reaction_where_the_test_is_safe_with_it(memory: 
     assert not [told for told in checked.warnings if "reaction" in told or "friction" in told]
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "settings", [COARSE, ("method=paper",), ("controller=none",), ("runs=[shake_table]",)])
 def test_automatic_leaves_the_design_as_it_is_without(settings: tuple[str, ...], memory: Memory) -> None:
     """With coarse samples another filter is chosen; the others have no such feedforward, or no check that judges it."""

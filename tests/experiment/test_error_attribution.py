@@ -39,6 +39,7 @@ def test_friction_that_is_countered_is_no_cause(memory: Memory) -> None:
     assert found.causes[0].names == ("rounded samples",) and friction.largest < 0.2 * found.causes[0].largest
 
 
+@pytest.mark.campaign
 def test_a_gain_is_named_alone_with_its_size(one_gain: Named) -> None:
     assert one_gain.causes[0].names == ("gain of floor_2",)
     assert float(one_gain.causes[0].size.split()[0]) == pytest.approx(0.5, abs=0.02)

@@ -38,6 +38,7 @@ def case(law: Any) -> dict[str, Any]:
     }
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", ["tuned_mass_damper", "viscous_damper"])
 def test_a_shipped_building_gives_a_good_test(name: str, tmp_path: Path) -> None:
     """The third one, base_isolated, is run by its tutorial."""

@@ -46,6 +46,7 @@ def played(library: ctypes.CDLL, inputs: step_run.Inputs) -> tuple[step_run.Stat
     return ours, theirs, done
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "case", SHIPPED)
 def test_a_shipped_case_is_the_one_of_c(library: ctypes.CDLL, memory: Memory, case: str) -> None:
     """The whole record with all defaults, among them the feedforward of the specimen's reaction and of friction."""

@@ -20,6 +20,7 @@ from rths_cli.loop.run_log import Log, Signals, Sizes
 LOOSE = replace(faulty.bench_info(), limits=replace(faulty.bench_info().limits, tracking_error_m_s2=np.inf))
 
 
+@pytest.mark.campaign
 @parametrize_first(
     3,
     ("kind", "said"),

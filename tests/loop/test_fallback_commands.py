@@ -73,6 +73,7 @@ def wave(count: int, dt_s: float, source: int) -> Array:
     return np.asarray(drive * np.minimum(np.arange(count) * dt_s, 1.0)[:, None])
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("source", [NUMERICAL, RECORD, EXCITATION])
 @pytest.mark.parametrize("dt_s", [2e-3, 1e-3, 2.5e-4])
 def test_the_points_are_what_the_step_commands_without_samples(dt_s: float, source: int) -> None:

@@ -36,6 +36,7 @@ def test_the_ideal_table_gives_sim_where_it_is_never_frozen(laboratory: Freezing
     assert (error_figures(sim, found, dt_s).rms < 0.01 * sim.std(axis=1))[1:].all()
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("length", [11, 24])
 def test_a_target_that_froze_and_jumps_to_the_newest_command_costs_about_what_the_freeze_itself_does(
     laboratory: Freezing, length: int

@@ -59,6 +59,7 @@ def test_a_feedforward_in_python_gives_the_same_command() -> None:
     assert np.abs(called.log.command_v - wanted).max() <= 1e-11 * np.abs(wanted).max()
 
 
+@pytest.mark.campaign
 def test_a_model_that_fails_stops_the_test_and_is_named() -> None:
     """The guard brings the table to rest; what the model raised is the reason, and it is not called again."""
     blocks = linear_blocks()

@@ -433,6 +433,7 @@ def test_what_allocates_or_counts_references_is_seen_also_when_it_is_loaded() ->
         assert runtime_calls(made) == set()
 
 
+@pytest.mark.campaign
 def test_no_entry_of_the_package_allocates_counts_references_or_calls_python() -> None:
     every_entry.compile_the_loops()
     every_entry.compile_the_exchange()

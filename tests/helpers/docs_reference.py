@@ -10,6 +10,7 @@ from docs_commands import commands_page
 from docs_hdf5 import hdf5_page
 from docs_keys import case_page, law_page, rig_page, study_page
 from docs_licences import licences_page
+from docs_metrics import reference_page
 from docs_modules import with_map
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
@@ -21,6 +22,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "study.md": study_page,
     "storey_laws.md": law_page,
     "hdf5.md": hdf5_page,
+    "metrics.md": reference_page,
     "licences.md": licences_page,
 }
 

@@ -14,9 +14,6 @@ from rths_cli.quantities.datasets import declared_datasets
 from rths_cli.quantities.declaration import unit_of_name
 from rths_cli.quantities.model_datasets import declared_model_datasets
 from rths_cli.quantities.sweep_datasets import SWEEP_DATASETS
-from rths_cli.report.formats.metrics_reference import reference_page
-
-PAGE = Path(__file__).parents[2] / "docs" / "reference" / "metrics.md"
 
 
 @pytest.mark.parametrize(
@@ -51,12 +48,6 @@ def test_a_path_is_defined_once_and_a_kind_only_where_it_exists() -> None:
     found = metric("exp_rths.rms_error_m_s2_true_full")
     assert kinds_of("exp_rths.rms_error_m_s2")[-1] == found.path and len(kinds_of("exp_rths.j1_s")) == 1
     assert found is not None and found.text.endswith(KINDS["_true_full"]) and found.units == "m/s^2"
-
-
-def test_the_reference_page_is_the_generated_one() -> None:
-    assert PAGE.read_text(encoding="utf-8") == reference_page(), (
-        "write rths_cli.report.formats.metrics_reference.reference_page()"
-    )
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,8 @@ FORGOTTEN = 0.1  # a smaller eigenvalue decays within a few samples: it is no mo
 SLOW_HZ, LEFT = 0.3, 1e-4
 COINCIDENT = 1e-3  # relative difference of two real roots that count as one double root
 
+ON_AXIS = 1e-6  # largest real part over size of an eigenvalue that counts as imaginary
+
 
 class _Rows:
     """Signals of the loop as rows (signals, n + 1) that multiply (state, command); a block has a slice of the state."""
@@ -310,9 +312,6 @@ def on_perfect_table(loop: LoopResponse, floors: ComplexArray, ground: ComplexAr
     computed = loop.storeys[:, 0] * ground[0] + loop.storeys[:, 1] * shear
     measured = floors * desired / loop.ahead
     return Motion(desired, shear, np.zeros_like(desired), measured, np.vstack([computed[:-1], floors * desired]))
-
-
-ON_AXIS = 1e-6  # largest real part over size of an eigenvalue that counts as imaginary
 
 
 @dataclass(frozen=True)

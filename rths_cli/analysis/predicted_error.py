@@ -42,6 +42,15 @@ CAUSES = ("coupling", "latency", "model", "friction", "rounding", "noise", "quan
 SHAKEN_POINTS = 400  # up to half the sample rate
 SMOOTHED_HZ = 0.5  # width, with the usual band, over which the ratio of measured response to model is averaged
 
+SHARES = 0.002, 0.005  # of SIM's RMS, rounding as noise: below the first it stays noise, above the second it is not
+DITHERED = 0.5  # bits of noise, rms, with which rounding is noise: a describing function within 1 % of one
+DRAWS = 3  # of zeros and noise
+SEED = 23
+ROUNDS = 8  # the errors of further ones are as large
+GAINS = (-1.0, 0.1)  # of a converter, less one: those with which the loop is closed
+TINY = np.finfo(float).tiny
+ZERO_CHANGES = 0.1  # bits by which a zero that was seen changes until the test
+
 
 @dataclass(frozen=True)
 class Errors:
@@ -372,16 +381,6 @@ def error_if_changed(known: PredictionInputs, nominal: Motion, changed: Building
     of_test = hybrid(loop, known.ground, np.zeros_like(nominal.corrected)).storeys - nominal.storeys
     of_sim = sim_lines(changed, known.lines, known.ground[0]) - known.sim
     return rms(known.lines.evaluated(of_test - of_sim))
-
-
-SHARES = 0.002, 0.005  # of SIM's RMS, rounding as noise: below the first it stays noise, above the second it is not
-DITHERED = 0.5  # bits of noise, rms, with which rounding is noise: a describing function within 1 % of one
-DRAWS = 3  # of zeros and noise
-SEED = 23
-ROUNDS = 8  # the errors of further ones are as large
-GAINS = (-1.0, 0.1)  # of a converter, less one: those with which the loop is closed
-TINY = np.finfo(float).tiny
-ZERO_CHANGES = 0.1  # bits by which a zero that was seen changes until the test
 
 
 def few_bits(known: PredictionInputs, prediction: Prediction) -> FewBits | None:

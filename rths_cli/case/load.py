@@ -51,6 +51,10 @@ _OUT_OF_RANGE = re.compile(rf"(must be (?:0 \(off\) or )?{_LIMIT}(?: and {_LIMIT
 IN_ANOTHER_UNIT = {"s": {"ms": 1e-3}, "m": {"mm": 1e-3}, "Hz": {"kHz": 1e3}}  # what a number is often stated in
 _CHOICE = re.compile(r"must be (.+), got '(.*)'")
 
+Read = TypeVar("Read")
+Given = Path | str | Mapping[str, Any]
+"""A case: its file, a bare name, or its keys."""
+
 
 def with_advice(key: str, message: str) -> str:
     """Return the sentence on the value of a key with the key's unit, and with what to write where that is clear."""
@@ -102,16 +106,10 @@ def _plain(word: str) -> str:
     return word.casefold().replace("_", "").replace("-", "").replace(" ", "")
 
 
-Read = TypeVar("Read")
-
 __all__ = [
     "PlacedSettings", "WrittenCase", "load_all", "load_cases", "load_reference", "load_rig", "load_structure",
     "load_study", "load_written", "read_case", "resolved_yaml", "schema", "study_file", "written_case",
 ]  # fmt: skip
-
-
-Given = Path | str | Mapping[str, Any]
-"""A case: its file, a bare name, or its keys."""
 
 
 def load_cases(

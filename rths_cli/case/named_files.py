@@ -39,6 +39,9 @@ MARKED = 1 << 16  # bytes in which an HDF5 file states its format
 RECORD_BYTES, RECORD_LINES = 8192, 3  # read to recognise a record, and the fewest lines of numbers that it has
 NUMBER = re.compile(r"\s*[-+]?(?:\d|\.\d)")
 
+YAML = (".yaml", ".yml")
+RECORD = (".csv", ".at2", ".AT2", ".txt", ".dat")
+
 
 def kind_of(path: Path) -> str | None:
     """Return the kind of a YAML file, a key of TELLING; "" if its keys are none of them, None if it has no keys."""
@@ -95,10 +98,6 @@ def no_case(kind: str, name: str) -> str:
     named = Path(name).stem if os.path.basename(name) == name else name
     look = f", or look at it with rths structure {name}" if kind == "structures" else ""
     return f"is a {what}, not a case; write a case that names it ({KEY_IN_CASE[kind]}: {named}) with rths new{look}"
-
-
-YAML = (".yaml", ".yml")
-RECORD = (".csv", ".at2", ".AT2", ".txt", ".dat")
 
 
 def suffixes(kind: str) -> tuple[str, ...]:

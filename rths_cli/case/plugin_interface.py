@@ -31,6 +31,8 @@ OLD_NAMES: set[str] = set()
 TOLD: set[str] = set()
 """The sentences that this process has warned of."""
 
+GROUP = RIGS
+
 
 def stated_interface(point: EntryPoint, who: str) -> int:
     """Return the version that an entry point's module states, 1 where it states none.
@@ -87,9 +89,6 @@ def tell_old_names(who: str) -> None:
     """Warn of the old names that plug-ins have asked for."""
     for name in sorted(OLD_NAMES):
         tell_once(f"{who} uses {name} of a channel, which is {RENAMED[name]} now; the old name ends with {ENDS}")
-
-
-GROUP = RIGS
 
 
 def plugin_kinds() -> dict[str, tuple[EntryPoint, ...]]:

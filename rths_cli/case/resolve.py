@@ -29,6 +29,22 @@ FOLLOWING = (
 EXCITED = 5.0  # default of identification.high_hz over the test band
 EXCITED_SHARE = 0.2  # of the sample rate: highest frequency to which a table can be excited
 
+VARIED = "_varied"  # ends the name of what extends something and gives itself no name
+DEFAULT_RIG = "aps400_virtual"
+MOST_KEYS = 20  # of a dotted path; no key of a case lies half as deep
+REAL_RUNS = ("sim", "sim_delay", "exp_rths")
+FILES = {"structure": "structures", "table": "rigs", "reference": "references"}
+SHORT_FORMS = {"structure": "extends", "table": "extends", "controller": "kind", "record": "file"}
+RIVALS = {
+    "natural_frequencies_hz": ("stiffness_n_per_m",),
+    "stiffness_n_per_m": ("natural_frequencies_hz",),
+    "damping_ratios": ("dashpots_n_s_per_m",),
+    "first_mode_ratio": ("dashpots_n_s_per_m",),
+    "dashpots_n_s_per_m": ("damping_ratios", "first_mode_ratio"),
+}
+Setting = tuple[tuple[str, ...], Node]
+NOTHING_TYPED: Mapping[str, str] = {}
+
 
 def expand_test_band(children: dict[str, Node], faults: list[Fault], lost: set[str]) -> None:
     """Fill in what follows a stated test band; one that the sample rate cannot carry is a fault.
@@ -84,24 +100,6 @@ def _number(node: Node | None) -> float | None:
     if node is None or isinstance(node.value, bool) or not isinstance(node.value, int | float):
         return None
     return float(node.value)
-
-
-VARIED = "_varied"  # ends the name of what extends something and gives itself no name
-DEFAULT_RIG = "aps400_virtual"
-MOST_KEYS = 20  # of a dotted path; no key of a case lies half as deep
-REAL_RUNS = ("sim", "sim_delay", "exp_rths")
-FILES = {"structure": "structures", "table": "rigs", "reference": "references"}
-SHORT_FORMS = {"structure": "extends", "table": "extends", "controller": "kind", "record": "file"}
-RIVALS = {
-    "natural_frequencies_hz": ("stiffness_n_per_m",),
-    "stiffness_n_per_m": ("natural_frequencies_hz",),
-    "damping_ratios": ("dashpots_n_s_per_m",),
-    "first_mode_ratio": ("dashpots_n_s_per_m",),
-    "dashpots_n_s_per_m": ("damping_ratios", "first_mode_ratio"),
-}
-
-Setting = tuple[tuple[str, ...], Node]
-NOTHING_TYPED: Mapping[str, str] = {}
 
 
 def read_settings(

@@ -22,6 +22,8 @@ Dashpot = Annotated[float, Range(ge=0, le=1e9)]
 Ratio = Annotated[float, Range(ge=0, lt=1)]
 Storeys = Field(min_length=1, max_length=MAX_STOREYS)
 
+Factor = Annotated[float, Range(ge=1e-6, le=1e6)]
+
 
 def _per_storey(description: str) -> Any:
     """Return the field of a list with an entry per storey, or per mode."""
@@ -170,9 +172,6 @@ class StructureSpec(Strict):
             if isinstance(level, Mapping):
                 for loc, message in same_length(level, "dashpots_n_s_per_m", len(masses) or None, "numerical storey"):
                     yield ("damping_levels", key, *loc), message
-
-
-Factor = Annotated[float, Range(ge=1e-6, le=1e6)]
 
 
 class ScaleSpec(Strict):

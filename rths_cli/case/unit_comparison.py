@@ -32,6 +32,9 @@ ONLY_OF = {
 ALIKE = 1.05  # greatest over least of numbers that are equal by design
 EXACT = 0.02  # relative difference from a factor of SLIPS that makes a number of such a list suspicious
 
+FACTORS = (GRAVITY, 9.81, INCH_MM, POUND_KG)  # without powers of ten, which people choose
+EXACT_DEFAULT = 5e-5  # relative difference from a factor
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -146,10 +149,6 @@ def _off_by_a_slip(
         yield Comparison(
             key, value, unit, "that of all others, which are equal", mean, 1.0 / ALIKE, ALIKE, names, place
         )
-
-
-FACTORS = (GRAVITY, 9.81, INCH_MM, POUND_KG)  # without powers of ten, which people choose
-EXACT_DEFAULT = 5e-5  # relative difference from a factor
 
 
 def of_defaults(case: Case) -> Iterator[Comparison]:

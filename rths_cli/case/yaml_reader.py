@@ -22,6 +22,27 @@ import yaml
 from rths_cli.case.shipped_files import is_shipped
 from rths_cli.safe_text import MOST_DIGITS
 
+OPTIONS = ("--rig ", "--structure ", "rths serve ")  # what names a value on the command line beside --set
+Scalar = str | int | float | bool | Path | None
+MAX_BYTES = 1_000_000
+MAX_NODES = 20_000
+MAX_DEPTH = 50
+_SPACES = re.compile("[\\u00a0\\u1680\\u2000-\\u200b\\u202f\\u205f\\u3000\\ufeff]")  # of other kinds than YAML's
+_STRUCTURAL = re.compile(f"(?:^|:|-) *({_SPACES.pattern})|({_SPACES.pattern}) *:")
+_TAG = "tag:yaml.org,2002:"
+_QUOTED = re.compile(r"""["\\]|^ *(?:- )*(?:\? |'':)""", re.MULTILINE)
+_SCALARS = {
+    "null": (re.compile(r"^(?:~|null|)$"), ["~", "n", ""]),
+    "bool": (re.compile(r"^(?:true|false)$"), list("tf")),
+    "int": (re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789")),
+    "float": (
+        re.compile(
+            r"^[-+]?(?:(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
+        ),
+        list("-+.0123456789"),
+    ),
+}
+
 
 @dataclass(frozen=True)
 class Source:
@@ -44,9 +65,6 @@ class Mark:
         return f"{self.source.label}:{self.line}:{self.column}" if self.line else self.source.label
 
 
-OPTIONS = ("--rig ", "--structure ", "rths serve ")  # what names a value on the command line beside --set
-
-
 @dataclass(frozen=True)
 class Fault:
     """One fault: where it is, the dotted key it is about (may be empty), and a sentence."""
@@ -60,9 +78,6 @@ class Fault:
         told = f"{label}.".startswith(f"--set {self.key}.") or (label.startswith(OPTIONS))
         named = f"{self.key}: " if self.key and not told else ""
         return f"{self.mark}: {named}{self.message}"
-
-
-Scalar = str | int | float | bool | Path | None
 
 
 @dataclass(frozen=True)
@@ -113,27 +128,6 @@ def display(path: Path) -> str:
 def printable(text: str) -> str:
     """Return a text as it is, or quoted with escapes when a terminal could not show it on one line."""
     return text if text.isprintable() else repr(text)
-
-
-MAX_BYTES = 1_000_000
-MAX_NODES = 20_000
-MAX_DEPTH = 50
-
-_SPACES = re.compile("[\\u00a0\\u1680\\u2000-\\u200b\\u202f\\u205f\\u3000\\ufeff]")  # of other kinds than YAML's
-_STRUCTURAL = re.compile(f"(?:^|:|-) *({_SPACES.pattern})|({_SPACES.pattern}) *:")
-_TAG = "tag:yaml.org,2002:"
-_QUOTED = re.compile(r"""["\\]|^ *(?:- )*(?:\? |'':)""", re.MULTILINE)
-_SCALARS = {
-    "null": (re.compile(r"^(?:~|null|)$"), ["~", "n", ""]),
-    "bool": (re.compile(r"^(?:true|false)$"), list("tf")),
-    "int": (re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789")),
-    "float": (
-        re.compile(
-            r"^[-+]?(?:(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
-        ),
-        list("-+.0123456789"),
-    ),
-}
 
 
 def read_file(path: Path) -> tuple[str, Node | None, list[Fault]]:

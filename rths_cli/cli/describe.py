@@ -15,6 +15,8 @@ from rths_cli.cli.terminal import page_width, show_page
 
 KINDS = ("cases", "structures", "rigs", "records", "references")
 
+SCHEMA_KINDS = ("case", "structure", "rig", "reference", "study")
+
 
 @cli.command("list")
 @click.argument("kind", type=click.Choice(KINDS), metavar="KIND")
@@ -112,9 +114,6 @@ def records(
     document, text = show(record, unit, dt_s, page_width(), read_scale(scale), baseline)
     click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
     return 0
-
-
-SCHEMA_KINDS = ("case", "structure", "rig", "reference", "study")
 
 
 @cli.command()

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from rths_cli.laboratory.doctor_request import DoctorRequest
     from rths_cli.laboratory.recover import Recovered
 
+PUSH = (
+    "After your answer, push the top floor once in the positive direction, that of a positive command, and let go.",
+)
+
 
 @cli.command()
 @click.argument("case")
@@ -86,11 +90,6 @@ def _ask(question: Question) -> str:
     known = f"{question.declared} +- {100.0 * question.uncertainty:.2g} %"
     text = f"{question.what}, declared {known}; measured (VALUE+-U, Enter: not)"
     return str(click.prompt(text, default="", show_default=False, err=True))
-
-
-PUSH = (
-    "After your answer, push the top floor once in the positive direction, that of a positive command, and let go.",
-)
 
 
 @cli.command()

@@ -21,6 +21,16 @@ from rths_cli.safe_text import shortened, visible
 F = TypeVar("F", bound=Callable[..., Any])
 LONGEST_PART, LONGEST_PATH = 255, 4000  # bytes of a file's name, and of a path
 
+KINDS = {
+    "case": "cases",
+    "cases": "cases",
+    "structure": "structures",
+    "record": "records",
+    "rig": "rigs",
+}
+"""The kind of name that a parameter takes, by the parameter's own name."""
+SETTINGS = ("settings", "vary")
+
 
 class Number(click.FloatRange):
     """A finite number in a range; click takes NaN for one in any."""
@@ -116,19 +126,6 @@ def yes_option(command: F) -> F:
     """Add --yes."""
     about = "Move a real rig without asking; its file must say `unattended: true`."
     return click.option("--yes", is_flag=True, help=about)(command)
-
-
-KINDS = {
-    "case": "cases",
-    "cases": "cases",
-    "structure": "structures",
-    "record": "records",
-    "rig": "rigs",
-}
-"""The kind of name that a parameter takes, by the parameter's own name."""
-
-
-SETTINGS = ("settings", "vary")
 
 
 class FileOfKind(click.ParamType):

@@ -26,12 +26,6 @@ if TYPE_CHECKING:
 
 PLAIN_S = 5.0  # between two lines where output is no terminal
 
-
-def page_width() -> int:
-    """Return the columns of a page: those of COLUMNS, else of the terminal, 60 to 100; 100 where there is none."""
-    return min(100, max(60, shutil.get_terminal_size((100, 24)).columns))
-
-
 COLOURS = {
     "green": ("GOOD", "good", "safe", "accepted", "yes"),
     "yellow": ("USABLE", "usable", "unsafe", "NOT ACCEPTED", "BUT"),
@@ -45,6 +39,12 @@ VERDICT = re.compile(
     r"|(?<= )(good|usable|poor)(?=  )",  # of several runs
     re.MULTILINE,
 )
+BAR = 30  # characters of the progress bar
+
+
+def page_width() -> int:
+    """Return the columns of a page: those of COLUMNS, else of the terminal, 60 to 100; 100 where there is none."""
+    return min(100, max(60, shutil.get_terminal_size((100, 24)).columns))
 
 
 def show_page(make: Callable[[], str]) -> None:
@@ -258,9 +258,6 @@ def new_screen(quiet: bool, answered: bool = False) -> Screen:
     if not quiet:
         announce(say)
     return screen
-
-
-BAR = 30  # characters of the progress bar
 
 
 def live_lines(label: str, view: View) -> list[str]:

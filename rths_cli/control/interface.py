@@ -22,6 +22,10 @@ COMMANDED = {"acceleration": 0, "displacement": 2}
 
 Commanded = Literal["acceleration", "displacement"]
 
+OwnParts = Mapping[str, Callable[[Any], Any]]
+"""Functions of the caller that make a part from the designed one, by its place: numerical, feedforward or feedback."""
+PLACES = ("numerical", "feedforward", "feedback")
+
 
 @dataclass(frozen=True)
 class InterfaceForce:
@@ -122,11 +126,6 @@ class PartDesign(Protocol):
 
         Raises InputError where there is none: such a part cannot be judged before it is used.
         """
-
-
-OwnParts = Mapping[str, Callable[[Any], Any]]
-"""Functions of the caller that make a part from the designed one, by its place: numerical, feedforward or feedback."""
-PLACES = ("numerical", "feedforward", "feedback")
 
 
 def not_judged(name: str) -> InputError:

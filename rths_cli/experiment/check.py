@@ -98,6 +98,14 @@ REACTION_ASSUMPTIONS = (
 REACTION_RANGE = 0.5, 1.0  # judged with a feedforward of the reaction if the case states no specimen_range
 TANGENT = "tangent "  # begins the cause of each reason
 
+MOST_ERROR = 0.5  # times SIM's RMS: a storey that is farther off does not do the test
+SEED = 19  # of the simulated noise
+SMALL = 1e-3  # rms of a small disturbance over that of the motion
+RINGS = 7.0  # time constants after which a motion has decayed
+LONGEST_S = 300.0  # longest padding after the record
+NOISE_FROM_HZ, NOISE_POINTS = 1.0, 400  # to half the sample rate: where noise at rest is taken as white; points
+NEAR = 0.97  # fraction of the critical delay from which SIM-DELAY rings too long to be computed on lines
+
 
 @dataclass(frozen=True)
 class TangentVerdict:
@@ -190,11 +198,6 @@ def _verdict(
     found = loop_stability(setup, identified, blocks, shared, there)
     faults = tuple(loop_faults(setup, identified, blocks, shared, there))
     return TangentVerdict(at.name, found, critical_delay(at.building), faults)
-
-
-MOST_ERROR = 0.5  # times SIM's RMS: a storey that is farther off does not do the test
-SEED = 19  # of the simulated noise
-SMALL = 1e-3  # rms of a small disturbance over that of the motion
 
 
 @dataclass(frozen=True)
@@ -415,12 +418,6 @@ def _far_off(errors: Array, sizes: Array) -> list[Fault]:
         f"from SIM, {MOST_ERROR:.0%} are permitted; lower scaling, or choose another controller"
     )
     return [Fault("simulated error", text, float(ratios[worst]))]
-
-
-RINGS = 7.0  # time constants after which a motion has decayed
-LONGEST_S = 300.0  # longest padding after the record
-NOISE_FROM_HZ, NOISE_POINTS = 1.0, 400  # to half the sample rate: where noise at rest is taken as white; points
-NEAR = 0.97  # fraction of the critical delay from which SIM-DELAY rings too long to be computed on lines
 
 
 @dataclass(frozen=True)

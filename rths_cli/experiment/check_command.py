@@ -117,6 +117,15 @@ TRUE_ERROR = {"true_error": "median", "true_error_bound": "bound", "calibration_
 LARGEST = "check.largest_scaling"
 DECLARED = tuple(f"check.limit_{name}" for name in REACH.values())  # metrics that no identification changes
 
+TRUSTING = ((1e-1, 4.0), (1e-2, 1.3), (1e-3, 0.4))  # q with r = 1, and residual_hz with the usual test band
+WORTH = 0.02  # of SIM's RMS: noise and rounding below it leave the usual filter
+NOT_SAFE = "the test would not be safe with it"
+KNOWN_RANGE = 0.85, 1.0  # of the specimen's stiffness: a filter that trusts the specimen must hold there
+GAIN = 0.8  # of the usual filter's error: another one must have less
+NO_BUILDING = CriticalDelay(math.inf, math.nan, 0.0)
+NO_ERRORS = Errors(np.zeros(0), 0.0)
+MOVED_BY_BASELINE = (DISPLACEMENT, "velocity", "command")  # reaches that an offset or a drift of the record makes
+
 
 def check_figures(judged: Judged) -> dict[str, ArrayLike]:
     """Return the metrics of a check by path; for an unstable loop, predicted peaks and errors are left out.
@@ -248,13 +257,6 @@ def _errors(found: Prediction) -> dict[str, ArrayLike]:
     return storeys | {f"check.tracking_rms{part}_m_s2": errors.tracking for part, errors in parts}
 
 
-TRUSTING = ((1e-1, 4.0), (1e-2, 1.3), (1e-3, 0.4))  # q with r = 1, and residual_hz with the usual test band
-WORTH = 0.02  # of SIM's RMS: noise and rounding below it leave the usual filter
-NOT_SAFE = "the test would not be safe with it"
-KNOWN_RANGE = 0.85, 1.0  # of the specimen's stiffness: a filter that trusts the specimen must hold there
-GAIN = 0.8  # of the usual filter's error: another one must have less
-
-
 def choose_design(
     setup: Setup, identified: Identification, design: Design, shared: SharedValues | None = None
 ) -> tuple[Design, Judged]:
@@ -372,9 +374,6 @@ def _expected(
     return float(np.max(np.hypot(prediction.total.storeys, changed) / judged.sim_rms_m_s2))
 
 
-NO_BUILDING = CriticalDelay(math.inf, math.nan, 0.0)
-
-
 def judge_table_test(
     setup: Setup, identified: Identification, design: Design, shared: SharedValues | None = None
 ) -> Preflight:
@@ -394,9 +393,6 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
     further = _table_test_faults_at_ends(setup, identified, blocks, shared)
     feedback, least_s = setup.case.controller.kind == "FF+FB", required_delay_s(setup, identified, blocks)
     return preflight.judge(NO_BUILDING, found, rows, setup.case.scaling, None, further, feedback, least_s, alone=True)
-
-
-NO_ERRORS = Errors(np.zeros(0), 0.0)
 
 
 def _table_test_faults_at_ends(
@@ -460,9 +456,6 @@ def _peaks(setup: Setup, specimen: Specimen, padded: int) -> Array:
     response = specimen_state_space(specimen).response(np.arange(padded // 2 + 1) / (padded * dt))[:, 0]
     floors = irfft(response * rfft(accel, padded), padded)[:, : len(accel)]
     return np.abs(np.vstack([accel, floors])).max(axis=1)
-
-
-MOVED_BY_BASELINE = (DISPLACEMENT, "velocity", "command")  # reaches that an offset or a drift of the record makes
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,12 @@ if TYPE_CHECKING:
     Faults = Callable[[Feedback], list[Fault]]
     Make = Callable[[Weights, float], Feedback]
 
+# for the usual test band; their bands keep their ratio to another one
+FIRMER = (DEFAULT, Weights((1.0, 12.0), 1e-3), Weights((0.5, 6.0), 1e-3), Weights((0.25, 3.0), 1e-3))
+HALVINGS = 3  # number of times that the largest amplification, max |S| - 1, is halved
+DIGITS = 4  # decimal digits of a chosen limit on max |S|, so that a case can state it
+NOT_SHOWN = "the identified table does not show how the specimen's reaction moves it"
+
 
 def loop_parts(
     setup: Setup, identified: Identification, there: Specimen | None = None, counters_reaction: bool = False
@@ -194,12 +200,6 @@ def _stability(
     return replace(worse, apart=apart, measured=late, feedback=found.feedback, same_side=same_side)
 
 
-# for the usual test band; their bands keep their ratio to another one
-FIRMER = (DEFAULT, Weights((1.0, 12.0), 1e-3), Weights((0.5, 6.0), 1e-3), Weights((0.25, 3.0), 1e-3))
-HALVINGS = 3  # number of times that the largest amplification, max |S| - 1, is halved
-DIGITS = 4  # decimal digits of a chosen limit on max |S|, so that a case can state it
-
-
 @dataclass(frozen=True)
 class Chosen:
     """Weights that were chosen instead of the default ones."""
@@ -302,9 +302,6 @@ def first_safe(
             if not faults(found):
                 return found, Chosen(weights, limit)
     return None
-
-
-NOT_SHOWN = "the identified table does not show how the specimen's reaction moves it"
 
 
 @dataclass(frozen=True)

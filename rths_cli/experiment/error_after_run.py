@@ -65,6 +65,16 @@ if TYPE_CHECKING:
 
 FINEST_S = 2.5e-4  # between which the shear of the floors may be taken for straight
 
+RUN = "exp_rths"
+CHANGED = 3.0  # standard uncertainties from which the specimen has changed since the identification
+TELLS = 0.2  # largest relative standard uncertainty of a stiffness in the run that tells whether the specimen changed
+MOST_UNEXPLAINED = 0.1  # of the floors' motion: what a chain of storeys on the measured table may leave unexplained
+OF_IDENTIFIED = 3.0  # times what it left at the identification: the same limit of a specimen that is no such chain
+AFTER_GAP = 3  # samples after a gap that tell what the table did in it
+GAP_ERROR = 0.3  # standard uncertainty of what is reconstructed of gaps, over what it changes
+OF_SAMPLES = 0.5  # of what is left unexplained, from which noise and rounding of the samples explain it
+BELOW_FIRST = 0.5  # the lines of the fit begin at this fraction of the specimen's first natural frequency or lower
+
 
 def residual_of_computed_storeys(building: Building, dt_s: float, ground_m_s2: Array, reported_m_s2: Array) -> Array:
     """Return by how much the computed storeys (p, n) in m/s^2 moved otherwise than the measured floors ask for.
@@ -122,17 +132,6 @@ def _by_base(building: Building) -> tuple[Array, Array]:
 
 def _masses(building: Building) -> Array:
     return np.concatenate([[building.interface_experimental_mass_kg], building.specimen.masses_kg])
-
-
-RUN = "exp_rths"
-CHANGED = 3.0  # standard uncertainties from which the specimen has changed since the identification
-TELLS = 0.2  # largest relative standard uncertainty of a stiffness in the run that tells whether the specimen changed
-MOST_UNEXPLAINED = 0.1  # of the floors' motion: what a chain of storeys on the measured table may leave unexplained
-OF_IDENTIFIED = 3.0  # times what it left at the identification: the same limit of a specimen that is no such chain
-AFTER_GAP = 3  # samples after a gap that tell what the table did in it
-GAP_ERROR = 0.3  # standard uncertainty of what is reconstructed of gaps, over what it changes
-OF_SAMPLES = 0.5  # of what is left unexplained, from which noise and rounding of the samples explain it
-BELOW_FIRST = 0.5  # the lines of the fit begin at this fraction of the specimen's first natural frequency or lower
 
 
 @dataclass(frozen=True)

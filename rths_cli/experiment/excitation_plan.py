@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 PERIOD_S = {"multisine": 20.0, "sweep": 40.0}  # longer where the compared band begins below the usual 0.7 Hz
 
+BY_COMMAND = "displacement (with room to brake)", "velocity", "command"
+SMOOTH = 1.2  # times the highest excited frequency, above which a command holds nothing but its rounding
+
 
 def excitation_settings(options: IdentificationSpec) -> ExcitationSettings:
     """Return the settings of the excitation that a case requests."""
@@ -41,10 +44,6 @@ def plan(setup: Setup) -> Excitation:
     """Return the planned excitation of the case's rig; raises InputError if its settings cannot be met."""
     options = setup.case.identification
     return interruptible(lambda: excitation.plan(setup.rig, excitation_settings(options), options.seed))
-
-
-BY_COMMAND = "displacement (with room to brake)", "velocity", "command"
-SMOOTH = 1.2  # times the highest excited frequency, above which a command holds nothing but its rounding
 
 
 def excitation_reach(setup: Setup, command_v: Array) -> tuple[Reach, ...]:

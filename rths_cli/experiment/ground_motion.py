@@ -16,6 +16,17 @@ from rths_cli.structure import Similitude
 CORNER_HZ = 0.25  # of the usual high pass of a record
 MOST_SAMPLES = 5_000_000  # largest number of samples: 40 minutes at 2 kHz, 40 MB in each of about ten arrays
 
+FIRST_SHARE = 0.02  # largest first sample of a filtered motion that starts at rest, over its peak
+BLOCKS = 8  # of a record: a baseline shows in the mean of each, a pulse in few
+POINTS = 256  # of a velocity in which a step is looked for
+EXPLAINED, EXPLAINED_BY_STEP = 0.65, 0.9  # share of the squared block means that is a baseline and no motion
+SIMPLER = 2.0  # times the residue of a richer baseline that a simpler one may leave and be preferred
+WORTH_SAYING = 0.1  # added displacement, over that of the motion without the baseline
+NO_MOTION = 1e-9  # of the peak before a baseline was removed
+KINDS = {"mean": "constant", "linear": "linear"}  # as scipy.signal.detrend names them
+Displacement = Callable[[Array], Array]
+"""Ground displacement in m of an acceleration (n,) in m/s^2 at the record's interval, scaled and filtered."""
+
 
 @dataclass(frozen=True)
 class GroundMotion:
@@ -163,19 +174,6 @@ def _exponential_integrals(x: complex) -> tuple[complex, complex]:
     for k in range(3, 20):
         second, term = second + term, term * x / k
     return 1.0 + x * second, second
-
-
-FIRST_SHARE = 0.02  # largest first sample of a filtered motion that starts at rest, over its peak
-BLOCKS = 8  # of a record: a baseline shows in the mean of each, a pulse in few
-POINTS = 256  # of a velocity in which a step is looked for
-EXPLAINED, EXPLAINED_BY_STEP = 0.65, 0.9  # share of the squared block means that is a baseline and no motion
-SIMPLER = 2.0  # times the residue of a richer baseline that a simpler one may leave and be preferred
-WORTH_SAYING = 0.1  # added displacement, over that of the motion without the baseline
-NO_MOTION = 1e-9  # of the peak before a baseline was removed
-KINDS = {"mean": "constant", "linear": "linear"}  # as scipy.signal.detrend names them
-
-Displacement = Callable[[Array], Array]
-"""Ground displacement in m of an acceleration (n,) in m/s^2 at the record's interval, scaled and filtered."""
 
 
 @dataclass(frozen=True)

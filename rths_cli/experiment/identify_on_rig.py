@@ -66,6 +66,8 @@ ADVICE = "lower identification.accel_rms_m_s2"
 TOO_NEAR = "the probe was less than 1.5 times quieter"
 NOT_BY_MOTION = (LOST, OVERRUN, RIG_FAULT, OPERATOR)  # a quieter excitation would not help
 
+SETTLED_S = 0.03  # time after which a late command no longer affects the table
+
 
 class SamplesLost(LimitError):
     """Raised if an excitation was stopped because too many samples in a row were lost or late."""
@@ -334,9 +336,6 @@ def listening_blocks(setup: Setup) -> Blocks:
         latency_samples=setup.rig.latency_samples,
         further=sensor_correction.further_correction(setup.rig.further, dt, setup.removes_sensors),
     )
-
-
-SETTLED_S = 0.03  # time after which a late command no longer affects the table
 
 
 def excited(

@@ -74,6 +74,24 @@ TABLES: dict[str, type] = {
     "levels": LevelBand,
 }
 
+# they choose the instructions of BLAS, numpy and the C library, and with them the last bits of an identification
+ROUNDING = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES", "GLIBC_TUNABLES", "MKL_CBWR")
+KEPT = 200  # largest number of models in the cache; the oldest are removed first
+TIME = "%Y-%m-%dT%H:%M:%SZ"
+LEVELS = dict.fromkeys(("name", "warning_m_s2", "abort_m_s2", "sensitivity_uncertainty"), True)
+HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
+    **dict.fromkeys(("limits", "name", "after_identification"), True),
+    **dict.fromkeys(("udp", "unattended", "watchdog_s", "overrun", "model"), True),
+    "sensors": LEVELS,
+    "channels": {"__all__": LEVELS},
+    "imperfections": {"laboratory"},
+    "uncertainty": {"table_gain"},
+    "calibration": {
+        **dict.fromkeys(("made_utc", "by", "model", "specimen", "masses"), True),
+        "channels": {"__all__": {"sensitivity_uncertainty", "joint_uncertainty"}},
+    },
+}
+
 
 def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
     """Return the groups of an identification; `names` are those of its channels, the table's first.
@@ -217,25 +235,6 @@ def _as_declared(hint: Any, value: Any) -> Any:
     if hint in (int, float, complex, bool, str):
         return hint(value)
     return value
-
-
-# they choose the instructions of BLAS, numpy and the C library, and with them the last bits of an identification
-ROUNDING = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES", "GLIBC_TUNABLES", "MKL_CBWR")
-KEPT = 200  # largest number of models in the cache; the oldest are removed first
-TIME = "%Y-%m-%dT%H:%M:%SZ"
-LEVELS = dict.fromkeys(("name", "warning_m_s2", "abort_m_s2", "sensitivity_uncertainty"), True)
-HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
-    **dict.fromkeys(("limits", "name", "after_identification"), True),
-    **dict.fromkeys(("udp", "unattended", "watchdog_s", "overrun", "model"), True),
-    "sensors": LEVELS,
-    "channels": {"__all__": LEVELS},
-    "imperfections": {"laboratory"},
-    "uncertainty": {"table_gain"},
-    "calibration": {
-        **dict.fromkeys(("made_utc", "by", "model", "specimen", "masses"), True),
-        "channels": {"__all__": {"sensitivity_uncertainty", "joint_uncertainty"}},
-    },
-}
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,23 @@ IDENTIFICATION, SHAKE_TABLE, EXP_RTHS, PROBE, VERIFICATION = 1, 2, 3, 4, 5
 BEFORE = (IDENTIFICATION, PROBE)
 AT_REST_SHARE = 0.02  # fraction of the velocity limit above the apparent velocity of a specimen at rest due to noise
 
+REHEARSAL_S = 2.0  # duration of the rehearsal
+LOOK_S = 0.2  # time between two live values
+LISTENING_S = 1.0  # duration of the measurement at rest
+ZERO_SHARE = 0.1  # largest mean of a channel at rest, as a fraction of its range
+NOISE_SHARE = 0.02  # largest rms of a channel at rest about its mean, as a fraction of its range
+PEAKS = {
+    "displacement_m": (1e3, "mm"), "velocity_m_s": (1.0, "m/s"), "acceleration_m_s2": (1.0, "m/s^2"),
+    "force_n": (1.0, "N"),
+}  # fmt: skip
+BEFORE_MOVING = (
+    "The emergency stop works without this computer, and somebody stands beside it.",
+    "Nobody is within reach of table and specimen; the specimen is bolted down and its guards are in place.",
+    "The table stands at mid-stroke and its own controller is switched on.",
+    "Every sensor is connected, in the order of the rig file.",
+)
+Predicted = Callable[["Setup"], "Values"]
+
 
 def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
     """Return the case's rig without opening it: nothing is connected, nothing moves.
@@ -111,13 +128,6 @@ def _energy_ratio(rig: RigInfo) -> float:
     if math.isfinite(rig.limits.energy_ratio) or not rig.can.moves_hardware:
         return rig.limits.energy_ratio
     return DEFAULT_ENERGY_RATIO
-
-
-REHEARSAL_S = 2.0  # duration of the rehearsal
-LOOK_S = 0.2  # time between two live values
-LISTENING_S = 1.0  # duration of the measurement at rest
-ZERO_SHARE = 0.1  # largest mean of a channel at rest, as a fraction of its range
-NOISE_SHARE = 0.02  # largest rms of a channel at rest about its mean, as a fraction of its range
 
 
 @dataclass(frozen=True)
@@ -271,21 +281,6 @@ def _off_centre(where: str, stroke_m: float, place_m: float) -> list[str]:
     return [
         f"{where} shows the table at {place_m:.3g} m at rest, {share}; centre the table, or adjust the sensor's zero"
     ]
-
-
-PEAKS = {
-    "displacement_m": (1e3, "mm"), "velocity_m_s": (1.0, "m/s"), "acceleration_m_s2": (1.0, "m/s^2"),
-    "force_n": (1.0, "N"),
-}  # fmt: skip
-BEFORE_MOVING = (
-    "The emergency stop works without this computer, and somebody stands beside it.",
-    "Nobody is within reach of table and specimen; the specimen is bolted down and its guards are in place.",
-    "The table stands at mid-stroke and its own controller is switched on.",
-    "Every sensor is connected, in the order of the rig file.",
-)
-
-
-Predicted = Callable[["Setup"], "Values"]
 
 
 def _nothing_predicted(setup: Setup) -> Values:

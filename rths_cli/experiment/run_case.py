@@ -59,6 +59,10 @@ if TYPE_CHECKING:
     from rths_cli.quantities import Values
     from rths_cli.structure import Building
 
+BYTES_PER_SAMPLE = {"all": 600, "essential": 100, "none": 20}  # of a result file, for the check of free space
+PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # precedence of exit codes, the first one wins
+LOG_BYTES_PER_SAMPLE = 400  # of the raw logs of two runs on a real rig, for the same check
+
 
 @dataclass(frozen=True)
 class Played:
@@ -226,11 +230,6 @@ def refusal_of(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> S
         f"rths check {shown(setup.case.path)} with the same options tells more, --override check runs it all the same"
     )
     return Stop("refused", f"{kind.label} refused, {why}; {advice}", 1)
-
-
-BYTES_PER_SAMPLE = {"all": 600, "essential": 100, "none": 20}  # of a result file, for the check of free space
-PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # precedence of exit codes, the first one wins
-LOG_BYTES_PER_SAMPLE = 400  # of the raw logs of two runs on a real rig, for the same check
 
 
 @dataclass(frozen=True)

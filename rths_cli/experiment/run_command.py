@@ -47,6 +47,14 @@ MOST_KEPT_BYTES = 2**31 - 1  # largest amount of freed memory that is kept
 GROWN_BYTES = 1 << 26  # taken from the system at a time
 LARGEST_BYTES = 1 << 25  # largest array whose memory is kept, the maximum that glibc permits
 
+KEPT, KEPT_BYTES = 8, 1 << 28  # largest number of shared values of each kind, and of bytes of all kinds
+RESPONSES = 3  # shared responses of a case: SIM, SIM of the identified building, SIM-DELAY
+Job = tuple[Setup, Path]  # a case and its result file
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+Tell = Callable[[str], None]
+AT_ONCE = 2  # largest number of parallel cases; more would wait for the Python interpreter
+
 
 def keep_freed_memory() -> None:
     """Let the process reuse freed memory instead of returning it to the system (glibc on Linux; else no effect)."""
@@ -57,11 +65,6 @@ def keep_freed_memory() -> None:
         return
     for name, value in ((MMAP_THRESHOLD, LARGEST_BYTES), (TRIM_THRESHOLD, MOST_KEPT_BYTES), (TOP_PAD, GROWN_BYTES)):
         option(name, value)
-
-
-KEPT, KEPT_BYTES = 8, 1 << 28  # largest number of shared values of each kind, and of bytes of all kinds
-RESPONSES = 3  # shared responses of a case: SIM, SIM of the identified building, SIM-DELAY
-Job = tuple[Setup, Path]  # a case and its result file
 
 
 class Watcher(Protocol):
@@ -265,13 +268,6 @@ def _failed(setup: Setup, path: Path, taken: bool, reason: str, code: int) -> En
     return Ended(
         setup.case.name, path if begun and path.exists() else None, "failed", reason, 4 if begun and code == 2 else code
     )
-
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-Tell = Callable[[str], None]
-
-AT_ONCE = 2  # largest number of parallel cases; more would wait for the Python interpreter
 
 
 class Stopped(BaseException):

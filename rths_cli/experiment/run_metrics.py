@@ -52,6 +52,13 @@ LEAST_TOLD = 0.1  # of the largest cause: smaller ones are not told
 MAIN = 0.5  # least part of the sum of squares of the main cause
 LATE_SHARE = 0.5  # fraction of a sample interval; later samples belong to no instant
 
+RECORD_SHARE = 0.4  # fraction of the record filter's corner, at which a 2-pole filter leaves 16 % of the ground motion
+USUAL_HZ = 0.1  # upper limit of that term: buildings also move below a higher corner of the record filter
+COUPLING_SHARE = 1.0 / 3.0  # fraction of an AC coupling's corner, at which its correction amplifies 3 times
+HIGHEST_SHARE = 0.1  # largest fraction of the sample rate
+Compared = tuple["Array", "Array", "Array | None"]
+"""Reference, measured and, on a virtual rig, true values (else None): accelerations in m/s^2 of equal shape."""
+
 
 def of_exp_rths(
     known: PredictionInputs | None, series: Series, reported: Array, sim: Response, test: Undisturbed | None = None
@@ -114,12 +121,6 @@ def budget_metrics(found: Budget) -> dict[str, ArrayLike]:
     return values
 
 
-RECORD_SHARE = 0.4  # fraction of the record filter's corner, at which a 2-pole filter leaves 16 % of the ground motion
-USUAL_HZ = 0.1  # upper limit of that term: buildings also move below a higher corner of the record filter
-COUPLING_SHARE = 1.0 / 3.0  # fraction of an AC coupling's corner, at which its correction amplifies 3 times
-HIGHEST_SHARE = 0.1  # largest fraction of the sample rate
-
-
 def lowest_reliable_hz(setup: Setup) -> float:
     """Return the corner in Hz of the zero-phase high pass with which the errors of a case are evaluated.
 
@@ -130,10 +131,6 @@ def lowest_reliable_hz(setup: Setup) -> float:
     coupling = COUPLING_SHARE * max(channel.high_pass_hz for channel in setup.rig.channels)
     length = 1.0 / (len(setup.motion.time_s) * setup.rig.dt_s)
     return min(max(ground, coupling, length), HIGHEST_SHARE / setup.rig.dt_s)
-
-
-Compared = tuple["Array", "Array", "Array | None"]
-"""Reference, measured and, on a virtual rig, true values (else None): accelerations in m/s^2 of equal shape."""
 
 
 def errors(

@@ -31,6 +31,19 @@ if TYPE_CHECKING:
     from rths_cli.loop.simulated_time_run import Whole
     from rths_cli.rigs.description import RigInfo
 
+SHORTEST_S = 3.0  # shortest run in which drift can be distinguished from motion
+TOLD_BY = (
+    guard.NONE, guard.END, guard.STROKE, guard.VELOCITY, guard.ACCELERATION, guard.FORCE, guard.COMMAND, guard.RATE,
+    guard.TRACKING, guard.ENERGY, guard.RIG_FAULT, guard.PLANNED_REACH, guard.DEVIATION,
+)  # fmt: skip
+"""Reasons for which runs are examined for drift: for others the guard has already named sensor, link or operator."""
+UNSETTLED_S = 0.3  # time after missing samples that is excluded, because table and samples return gradually
+LEAST_SHARE = 0.5  # least fraction of a run that must have samples
+BLOCKS, NUMBERS = ("plant", "rig_correction", "correction", "estimator"), ("change", "total", "late")  # of Expected
+SENSORS = ("corner_hz", "v_per_m_s2")  # of Expected, by channel
+MOST_LATE = 1000  # intervals
+IMPACT_S = 0.1  # time before a rig ended a run that is excluded, because the table may have hit its end stop
+
 
 @dataclass(frozen=True)
 class Series:
@@ -192,20 +205,6 @@ def whole_building(
     rel_disp = np.vstack([disp, disp[-1] + series.estimated[:floors]])
     rel_vel = np.vstack([vel, vel[-1] + series.estimated[floors : 2 * floors]])
     return BuildingMotion(rel_disp, rel_vel, np.vstack([accel[:-1], series.measured]))
-
-
-SHORTEST_S = 3.0  # shortest run in which drift can be distinguished from motion
-TOLD_BY = (
-    guard.NONE, guard.END, guard.STROKE, guard.VELOCITY, guard.ACCELERATION, guard.FORCE, guard.COMMAND, guard.RATE,
-    guard.TRACKING, guard.ENERGY, guard.RIG_FAULT, guard.PLANNED_REACH, guard.DEVIATION,
-)  # fmt: skip
-"""Reasons for which runs are examined for drift: for others the guard has already named sensor, link or operator."""
-UNSETTLED_S = 0.3  # time after missing samples that is excluded, because table and samples return gradually
-LEAST_SHARE = 0.5  # least fraction of a run that must have samples
-BLOCKS, NUMBERS = ("plant", "rig_correction", "correction", "estimator"), ("change", "total", "late")  # of Expected
-SENSORS = ("corner_hz", "v_per_m_s2")  # of Expected, by channel
-MOST_LATE = 1000  # intervals
-IMPACT_S = 0.1  # time before a rig ended a run that is excluded, because the table may have hit its end stop
 
 
 @dataclass(frozen=True)

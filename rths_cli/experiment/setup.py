@@ -43,6 +43,13 @@ if TYPE_CHECKING:
 NUMERICAL = "numerical"
 SAME = 1e-9  # largest relative difference of a declared specimen from the case's
 
+OwnSamples = Sequence[Path] | Callable[["Identification"], Sequence["Identification"]]
+"""Samples of an identified model that the caller gives: model files, or a function that makes them from the nominal
+one."""
+RUNS = ("sim", "sim_delay", "shake_table", "exp_rths")
+Progress = Callable[[str], None]
+FAR_TOO_HEAVY = 30.0  # times the payload: a specimen in another unit, or a whole building
+
 
 def made(place: str, make: Callable[[Any], Any], designed: Any) -> PartDesign:
     """Return the caller's part in place of a designed one; raises InputError for what is no design of a part."""
@@ -101,14 +108,6 @@ def _check(name: str, declared: object, case: Building) -> None:
             f"parts: the building that {name} declares has {mass:g} kg of the interface floor on the table, in the "
             f"case {there:g} kg stand there; declare these"
         )
-
-
-OwnSamples = Sequence[Path] | Callable[["Identification"], Sequence["Identification"]]
-"""Samples of an identified model that the caller gives: model files, or a function that makes them from the nominal
-one."""
-RUNS = ("sim", "sim_delay", "shake_table", "exp_rths")
-Progress = Callable[[str], None]
-FAR_TOO_HEAVY = 30.0  # times the payload: a specimen in another unit, or a whole building
 
 
 @dataclass(frozen=True)

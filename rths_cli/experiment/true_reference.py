@@ -39,6 +39,10 @@ if TYPE_CHECKING:
 PREFIX = "true_reference_"
 RMS, NRMSE = "rms_error_m_s2", "nrmse_percent"
 
+FACTOR = 1.5  # by which the measured error may differ from the expected one before it is told
+LEAST_PERCENT = 0.5  # of SIM's RMS; a smaller error, measured and expected, is not worth a sentence
+CHANGE = 0.01  # of the base shear, for which the change of the residual drift is computed
+
 
 @dataclass(frozen=True)
 class TrueReference:
@@ -117,10 +121,6 @@ def _errors(setup: Setup, run: str, sim_accel: Array, accel: Array) -> dict[str,
     return {f"{run}.{PREFIX}{name}": found[f"{run}.{name}"] for name in (RMS, NRMSE)}
 
 
-FACTOR = 1.5  # by which the measured error may differ from the expected one before it is told
-LEAST_PERCENT = 0.5  # of SIM's RMS; a smaller error, measured and expected, is not worth a sentence
-
-
 def expected_error_metrics(predicted: TrueError | None, values: Values) -> dict[str, ArrayLike]:
     """Return the measured errors over the expected ones, and the ranks of the true errors, by path; `values` holds the
     errors."""
@@ -157,9 +157,6 @@ def disagreement(values: Values) -> tuple[str, ...]:
         f"measured and expected error differ: {1e3 * error[worst]:.3g} mm/s^2 at storey {worst + 1} is "
         f"{over[worst]:.2g} times what the check expected; {where}",
     )
-
-
-CHANGE = 0.01  # of the base shear, for which the change of the residual drift is computed
 
 
 def with_base_shear(building: Building, factor: float) -> Building:

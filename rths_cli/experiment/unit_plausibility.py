@@ -51,6 +51,9 @@ OF_TEST_BAND = {  # numbers in Hz without a default of their own, over the test 
 FOLLOWS = ("kalman.residual_hz", "identification.low_hz", "identification.high_hz")  # the test band
 MASSES = "structure.experimental.masses_kg"
 
+OF_RIG = ("table.",)  # beginnings of the keys of a rig
+OF_IDENTIFICATION = ("structure.", "damping.", *OF_RIG, "identification.")  # of all that an identification plays
+
 
 def of_specimen_on_table(setup: Setup) -> Iterator[Comparison]:
     """Yield the comparison of the specimen with the payload of its table; more than the payload is refused."""
@@ -173,10 +176,6 @@ def unknown_consents(setup: Setup) -> tuple[str, ...]:
             advice = f"did you mean {near[0]}?" if near else "name the key as the doubt names it, or leave it out"
             told.append(placed(case, f"plausible: {key} is no key of this case and permits nothing; {advice}"))
     return tuple(told)
-
-
-OF_RIG = ("table.",)  # beginnings of the keys of a rig
-OF_IDENTIFICATION = ("structure.", "damping.", *OF_RIG, "identification.")  # of all that an identification plays
 
 
 def unit_doubts(setup: Setup) -> tuple[str, ...]:

@@ -35,6 +35,36 @@ AT_ORIGIN = 1e-6  # of the smallest other root
 PAIRED = 1e-6  # relative distance of a root from the conjugate of its partner
 REAL = 1e-9  # imaginary part over magnitude of a real root
 
+KEYS: dict[str, tuple[str, ...]] = {
+    "zeros": ("z",),
+    "poles": ("p",),
+    "gain": ("k",),
+    "numerator": ("num",),
+    "denominator": ("den",),
+    "delay_s": ("delay", "Td", "InputDelay", "iodelay", "IODelay"),
+    "output": (),
+    "frequency_unit": (),
+    "band_hz": (),
+    "ripple_m_s2_per_v": (),
+    "notes": (),
+    "sample_time_s": ("Ts",),
+}
+"""What a file may state, with the other names it may have in a MATLAB file."""
+TEXTS = ("output", "frequency_unit", "notes")
+PAIRS = ("zeros", "poles")
+HEAD = 4096
+MAX_NUMBERS = 1000  # of a vector in a MATLAB file
+DEPTH = 3  # of cells in each other
+Kind = Literal["text", "mat", "other"]
+OUTPUTS = {"acceleration_m_s2": 0, "velocity_m_s": 1, "displacement_m": 2}
+"""What a model's output may be, and how many zeros at the origin make it an acceleration."""
+ORIGIN_ZEROS = 2  # the table follows displacement
+MAX_BYTES = 100_000_000
+MAX_ROOTS = 40
+MAX_ROOT_RAD_S = 1e7
+MAX_DELAY_S = 1.0
+MAX_FREQUENCY_HZ = 1e6
+
 
 def count_at_origin(zeros: ComplexArray, poles: ComplexArray) -> int:
     """Return how many zeros are at the origin: below 1e-6 of the smallest of all other roots."""
@@ -67,29 +97,6 @@ def shown_roots(roots: ComplexArray) -> str:
     """Return up to three roots as text."""
     texts = [f"{root.real:.6g}{root.imag:+.6g}j" if root.imag else f"{root.real:.6g}" for root in roots[:3]]
     return ", ".join(texts) + (", ..." if len(roots) > 3 else "")
-
-
-KEYS: dict[str, tuple[str, ...]] = {
-    "zeros": ("z",),
-    "poles": ("p",),
-    "gain": ("k",),
-    "numerator": ("num",),
-    "denominator": ("den",),
-    "delay_s": ("delay", "Td", "InputDelay", "iodelay", "IODelay"),
-    "output": (),
-    "frequency_unit": (),
-    "band_hz": (),
-    "ripple_m_s2_per_v": (),
-    "notes": (),
-    "sample_time_s": ("Ts",),
-}
-"""What a file may state, with the other names it may have in a MATLAB file."""
-TEXTS = ("output", "frequency_unit", "notes")
-PAIRS = ("zeros", "poles")
-HEAD = 4096
-MAX_NUMBERS = 1000  # of a vector in a MATLAB file
-DEPTH = 3  # of cells in each other
-Kind = Literal["text", "mat", "other"]
 
 
 @dataclass(frozen=True)
@@ -314,16 +321,6 @@ class Reader:
     def _value(self, key: str) -> ComplexArray | str | None:
         entry = self.document.entries.get(key)
         return entry.value if entry else None
-
-
-OUTPUTS = {"acceleration_m_s2": 0, "velocity_m_s": 1, "displacement_m": 2}
-"""What a model's output may be, and how many zeros at the origin make it an acceleration."""
-ORIGIN_ZEROS = 2  # the table follows displacement
-MAX_BYTES = 100_000_000
-MAX_ROOTS = 40
-MAX_ROOT_RAD_S = 1e7
-MAX_DELAY_S = 1.0
-MAX_FREQUENCY_HZ = 1e6
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,13 @@ TOGETHER = {
 }
 """Figures without which the one that names them says nothing."""
 
+T = TypeVar("T")
+BEGUN, COMPLETE = "begun", "complete"  # of one run on the table, in the attribute RUN_status of the root
+WANTED = Wanted(
+    "result file as rths run writes it", "is not an HDF5 file; give a result file written by rths run.",
+    "run the case again.",
+)  # fmt: skip
+
 
 def check_attributes(found: Mapping[str, str | int | float]) -> None:
     """Raise LayoutError for an attribute of the root of another type or beyond its range."""
@@ -226,9 +233,6 @@ __all__ = [
     "read_result",
     "read_series",
 ]
-
-T = TypeVar("T")
-BEGUN, COMPLETE = "begun", "complete"  # of one run on the table, in the attribute RUN_status of the root
 
 
 class SeriesLeftOut(InputError):
@@ -476,12 +480,6 @@ def _beside(scale: h5py.Dataset, node: h5py.Dataset) -> str | None:
     if not label or label not in group.id or h5o.get_info(group.id, label).addr != h5o.get_info(scale.id).addr:
         return None
     return f"{group.name.rstrip('/')}/{label.decode()}"
-
-
-WANTED = Wanted(
-    "result file as rths run writes it", "is not an HDF5 file; give a result file written by rths run.",
-    "run the case again.",
-)  # fmt: skip
 
 
 def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:

@@ -39,6 +39,19 @@ LEAST_REVERSED = 4  # channels; with up to three floors, exchanging two floors a
 LATEST = 3.0  # tried delays of one channel against the others, in samples, either way
 SIGN, GAIN, SWAP, REVERSED, MASS, LATE = "sign", "gain", "swap", "reversed", "mass", "late"
 
+LEAST_COHERENCE = 0.9  # median in the compared band
+NOISE_MARGIN, SHARED = 3.0, 2.0  # allowed loss of coherence: multiples of the loss to noise, and of the table's loss
+GAIN_SHARE, FAR_GAIN = 0.1, (0.6, 1.7)  # deviation from the data sheet's gain for a warning; range that is not refused
+SURE = 3.0  # standard uncertainties
+# of the usual compared band: highest frequency at which the table follows its command; cosine of a clear sign
+FOLLOWS = 0.5  # least slope (power of frequency) of an acceleration in response to a displacement command
+G_M_S2, NEAR = 9.80665, 0.1  # a factor of a sensitivity whose logarithm is as near to it is a wrong unit
+REFUSED_GAIN, REFUSED_MASS = 0.03, 0.3  # errors of a sensitivity or mass beyond which channels are refused
+BEYOND_DECLARED = 5.0  # standard uncertainties of a sensitivity beyond which channels are refused
+SAID, UNEXPLAINED = 10.0, 30.0  # unexplained misfit, in standard deviations, for a warning and for a refusal
+CALM = 0.2  # a chain explains the low level if it leaves at most this fraction of the misfit at full level
+TRUE_MOTION = 10.0  # largest misfit of single lines, in standard deviations, at which channels show a chain's motion
+
 
 @dataclass(frozen=True)
 class Suspect:
@@ -147,19 +160,7 @@ def _least(changed: Callable[[float], Grouped], bounds: tuple[float, float]) -> 
     return float(found.x), float(found.fun)
 
 
-LEAST_COHERENCE = 0.9  # median in the compared band
-NOISE_MARGIN, SHARED = 3.0, 2.0  # allowed loss of coherence: multiples of the loss to noise, and of the table's loss
-GAIN_SHARE, FAR_GAIN = 0.1, (0.6, 1.7)  # deviation from the data sheet's gain for a warning; range that is not refused
-SURE = 3.0  # standard uncertainties
-# of the usual compared band: highest frequency at which the table follows its command; cosine of a clear sign
 DIRECTION_HZ, DIRECTION = 3.0, 0.5
-FOLLOWS = 0.5  # least slope (power of frequency) of an acceleration in response to a displacement command
-G_M_S2, NEAR = 9.80665, 0.1  # a factor of a sensitivity whose logarithm is as near to it is a wrong unit
-REFUSED_GAIN, REFUSED_MASS = 0.03, 0.3  # errors of a sensitivity or mass beyond which channels are refused
-BEYOND_DECLARED = 5.0  # standard uncertainties of a sensitivity beyond which channels are refused
-SAID, UNEXPLAINED = 10.0, 30.0  # unexplained misfit, in standard deviations, for a warning and for a refusal
-CALM = 0.2  # a chain explains the low level if it leaves at most this fraction of the misfit at full level
-TRUE_MOTION = 10.0  # largest misfit of single lines, in standard deviations, at which channels show a chain's motion
 
 
 @dataclass(frozen=True)

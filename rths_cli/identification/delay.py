@@ -21,6 +21,11 @@ SPRING_DAMPING = 0.05  # part of a pair's damping ratio beyond the band that the
 UNKNOWN_LAW = 2.0  # factor on the effect at full level that dry friction would have, for friction of another law
 SAME_MODE = 0.2  # logarithm of a frequency ratio within which a pole and a mode of the specimen are the same
 
+REACH_S = 0.01  # the free delay may be shorter than the model's by this time
+ROUNDS = 2  # fits: the second one uses the latency of the first for the staircase's alias
+WORTH = 0.9  # a larger structure must reduce the misfit to this fraction
+SIGMA, SEEN_S = 3.0, 1e-4  # reported difference of declared and identified delay: standard uncertainties, and s
+
 
 def shifts(
     found: Fit, frf: Frf, levels: Sequence[LevelBand], level_ratio: float, friction: Friction | None = None,
@@ -139,12 +144,6 @@ def together(found: Fit, *parts: Array) -> Array:
     for columns in _poles(found):
         squares[columns[0]] += CLOCK**2
     return np.asarray(np.sqrt(squares))
-
-
-REACH_S = 0.01  # the free delay may be shorter than the model's by this time
-ROUNDS = 2  # fits: the second one uses the latency of the first for the staircase's alias
-WORTH = 0.9  # a larger structure must reduce the misfit to this fraction
-SIGMA, SEEN_S = 3.0, 1e-4  # reported difference of declared and identified delay: standard uncertainties, and s
 
 
 def estimate(

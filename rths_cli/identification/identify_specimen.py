@@ -58,6 +58,17 @@ WORTH = 0.8  # laws are believed if they reduce what a linear storey leaves to t
 REAL = 1e-6  # least residual, over the inertia
 LOST = 1e-7  # what is smaller, relative to the whole, is what rounding makes of zero
 
+PHASE = 3e-4  # rad; smaller phase errors between channels may be residuals of the sensor correction
+BELOW_FIRST = 0.5  # the specimen's lines begin at this fraction of the first natural frequency or lower
+MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # skew between floors and table in samples: rejected, reported
+ENOUGH = 120_000  # samples of a first look
+MOST_UNEXPLAINED = 0.5  # part of the floors' motion in a record at low level that a chain may leave
+WHOLE_CHANGE = 1.5  # change of a law from rest to full level over that from a fifth of it to full level
+STUCK = 2.0  # factor on what friction that slides at both levels leaves at full level; it may stick at the low one
+EXPLAINS = 0.5  # a skew is accepted as the cause if it reduces the unexplained motion to this fraction
+MOST_LEFT = 0.1  # largest residual, as a fraction of the floors' motion
+LONGEST = 1000.0  # largest skew of the fit, in samples
+
 
 @dataclass(frozen=True)
 class _Equations:
@@ -217,13 +228,6 @@ def _fitted(records: Sequence[_Equations], i: int, laws: bool) -> _Storey:
     return _Storey(float(factors[0]), factors[1 : 1 + n], pushed, bends, left)
 
 
-PHASE = 3e-4  # rad; smaller phase errors between channels may be residuals of the sensor correction
-BELOW_FIRST = 0.5  # the specimen's lines begin at this fraction of the first natural frequency or lower
-MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # skew between floors and table in samples: rejected, reported
-ENOUGH = 120_000  # samples of a first look
-MOST_UNEXPLAINED = 0.5  # part of the floors' motion in a record at low level that a chain may leave
-
-
 def without_staircase(table_accel: Array, command_v: Array, model: Model) -> Array:
     """Return the table's samples (n,) in m/s^2 minus the alias of the held command (n,) in V.
 
@@ -329,10 +333,6 @@ def freely_vibrating(
     return fit_stretches(lasting, dt_s, data.masses_kg, low_hz, first, free=True), ()
 
 
-WHOLE_CHANGE = 1.5  # change of a law from rest to full level over that from a fifth of it to full level
-STUCK = 2.0  # factor on what friction that slides at both levels leaves at full level; it may stick at the low one
-
-
 def at_low_level(data: Evidence, model: Model, known: SpecimenFit | None) -> SpecimenFit | None:
     """Return the specimen from the record at low level alone; None without one, or where it is too short or no chain
     explains half of its motion."""
@@ -428,11 +428,6 @@ def out_of_step(data: Evidence, model: Model, found: SpecimenFit | None) -> tupl
     if abs(late) > MOST_SKEW + AGREE_SIGMA * error:
         return (sentence,), ()
     return (), ((sentence,) if abs(late) > SEEN_SKEW + AGREE_SIGMA * error else ())
-
-
-EXPLAINS = 0.5  # a skew is accepted as the cause if it reduces the unexplained motion to this fraction
-MOST_LEFT = 0.1  # largest residual, as a fraction of the floors' motion
-LONGEST = 1000.0  # largest skew of the fit, in samples
 
 
 def skew(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_hz: float, start: Start) -> tuple[float, float]:

@@ -20,6 +20,21 @@ from rths_cli.numerics.lti import Array, ComplexArray
 
 TAIL_S = 30.0  # rest appended to a command, in which the table's response decays
 
+BLOCK_S = 0.1
+STILL = 1e-3  # a block whose range is below this fraction of the command's standard deviation is at rest
+LEAST_REST_S = 0.4  # a shorter rest is part of the excitation
+LEAST_SILENCE_S, LEAST_FREE_S, LEAST_EXCITED_S = 1.0, 5.0, 10.0
+SHORTEST_PERIOD_S = 2.0
+AROUND = 16  # samples around the estimated period that are searched
+SWEEP_SEGMENTS, SWEEPING = 10, 1.0  # pieces of a period; scatter of their mean frequencies' logarithm in a sweep
+SAME = 1e-3  # largest difference of two periods over the command's standard deviation
+Mask = NDArray[np.bool_]
+Places = NDArray[np.int_]
+PAST_S = 0.04  # past of channel and command that a prediction uses
+LEAST_PAST = 8  # samples
+ROWS_EACH = 4  # least number of complete rows per coefficient
+MOST_MISSING = 0.05  # largest fraction of a record's samples
+
 
 @dataclass(frozen=True)
 class Parts:
@@ -69,16 +84,6 @@ class Record:
         other = replace(self, parts=replace(self.parts, noise=noise))
         other._lines.update(self._lines)
         return other
-
-
-BLOCK_S = 0.1
-STILL = 1e-3  # a block whose range is below this fraction of the command's standard deviation is at rest
-LEAST_REST_S = 0.4  # a shorter rest is part of the excitation
-LEAST_SILENCE_S, LEAST_FREE_S, LEAST_EXCITED_S = 1.0, 5.0, 10.0
-SHORTEST_PERIOD_S = 2.0
-AROUND = 16  # samples around the estimated period that are searched
-SWEEP_SEGMENTS, SWEEPING = 10, 1.0  # pieces of a period; scatter of their mean frequencies' logarithm in a sweep
-SAME = 1e-3  # largest difference of two periods over the command's standard deviation
 
 
 def find_parts(command_v: Array, dt_s: float, name: str = "record") -> Parts:
@@ -191,14 +196,6 @@ def _steady(command_v: Array, part: slice, period: int) -> slice:
     end = part.start + longest.stop + period  # so far the command repeats
     count = (end - part.start - longest.start - period // 2) // period
     return slice(end - count * period, end)
-
-
-Mask = NDArray[np.bool_]
-Places = NDArray[np.int_]
-PAST_S = 0.04  # past of channel and command that a prediction uses
-LEAST_PAST = 8  # samples
-ROWS_EACH = 4  # least number of complete rows per coefficient
-MOST_MISSING = 0.05  # largest fraction of a record's samples
 
 
 def filled(command_v: Array, channels: Array, missing: Mask, dt_s: float) -> Array:

@@ -17,6 +17,15 @@ from rths_cli.numerics.clock import IntArray, require_real_time
 SYS, PROC = Path("/sys"), Path("/proc")
 UNLIMITED = -1
 
+RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0)  # tried where no case states its rate
+RULE = (
+    f"a rate is held when 99 % of the steps wake up within {PUNCTUAL:g} of a sample interval ({P99_SHARE:g} for rigs "
+    f"that catch no steps up), have a rig's samples within {P99_SHARE:g}, and at most {100.0 * LATE_SHARE:.1f} % are "
+    "late by a whole one"
+)
+Progress = Callable[[str], object]
+ExchangeDelays = Callable[[float, float], IntArray]
+
 
 @dataclass(frozen=True)
 class Machine:
@@ -81,16 +90,6 @@ def _text(path: Path) -> str:
         return path.read_text().strip()
     except OSError:
         return ""
-
-
-RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0)  # tried where no case states its rate
-RULE = (
-    f"a rate is held when 99 % of the steps wake up within {PUNCTUAL:g} of a sample interval ({P99_SHARE:g} for rigs "
-    f"that catch no steps up), have a rig's samples within {P99_SHARE:g}, and at most {100.0 * LATE_SHARE:.1f} % are "
-    "late by a whole one"
-)
-Progress = Callable[[str], object]
-ExchangeDelays = Callable[[float, float], IntArray]
 
 
 @dataclass(frozen=True)

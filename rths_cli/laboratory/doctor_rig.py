@@ -34,6 +34,13 @@ if TYPE_CHECKING:
 
 HURRY = 0.5  # time that exchanges take over that of their sample instants, below which they wait for none
 
+SHARE = 0.05  # of stroke, velocity and acceleration limit that the motion takes
+SLOWEST_HZ, OF_FIRST_MODE = 1.0, 0.3  # the motion's frequency: the lower of it and this part of the first mode
+PERIODS, RAMP_PERIODS = 6, 2  # of the motion, of which the first and the last ones are its ramps
+AGREES = 3.0  # standard uncertainties within which channels agree
+LEAST = 0.02  # relative difference that is always permitted
+LOUD = 8.0  # times its noise, from which a channel was pushed
+
 
 def exchange_delays(case: Case) -> ExchangeDelays:
     """Return a function that measures when the samples of each step arrive, for a rate in Hz and a duration in s.
@@ -94,14 +101,6 @@ def paced_delays(rig: Rig, steps: int) -> IntArray:
         )
     late = returned - np.round(np.arange(steps) * (1e9 * rig.info.dt_s)).astype(np.int64)
     return np.asarray(late - late.min())
-
-
-SHARE = 0.05  # of stroke, velocity and acceleration limit that the motion takes
-SLOWEST_HZ, OF_FIRST_MODE = 1.0, 0.3  # the motion's frequency: the lower of it and this part of the first mode
-PERIODS, RAMP_PERIODS = 6, 2  # of the motion, of which the first and the last ones are its ramps
-AGREES = 3.0  # standard uncertainties within which channels agree
-LEAST = 0.02  # relative difference that is always permitted
-LOUD = 8.0  # times its noise, from which a channel was pushed
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 
 Details = Mapping[str, Any]
 
+PERIODS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
+SPECTRUM_DAMPING = 0.05
+
 
 @dataclass(frozen=True)
 class Listed:
@@ -125,10 +128,6 @@ DESCRIBED: Mapping[str, Callable[[Path], tuple[str, Details]]] = {
     "records": _record,
     "references": _reference,
 }
-
-
-PERIODS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
-SPECTRUM_DAMPING = 0.05
 
 
 def facts_of(path: Path) -> dict[str, Any]:

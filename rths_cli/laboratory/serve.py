@@ -60,6 +60,9 @@ NOT_AT_REST = f"the table was not yet at rest after {REST_S:g} s"
 PRIORITY = 79  # below a runner on the same machine
 Say = Callable[[str], object]
 
+CASE = "el_centro_low_ff_fb"  # supplies the keys that rig and structure do not state
+NOISE_ROWS = 1 << 17  # length of the noise, 131 s at 1 kHz, after which it repeats
+
 
 @dataclass(frozen=True)
 class ServeRequest:
@@ -256,10 +259,6 @@ def _secret(key_file: Path | None) -> tuple[Path, Words]:
     if key_file is None and not path.exists():
         return path, make_secret(path)
     return path, read_secret(path)
-
-
-CASE = "el_centro_low_ff_fb"  # supplies the keys that rig and structure do not state
-NOISE_ROWS = 1 << 17  # length of the noise, 131 s at 1 kHz, after which it repeats
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,44 @@ FOLLOWS = 0.3  # error over desired acceleration, below which the table follows
 FURTHER_RECENT_S = 0.5  # time before the stop over which the gain is taken, for it may drift
 GAIN_CHANGED = 0.03  # change of the table's gain that is worth telling
 
+Flags = NDArray[np.bool_]
+WINDOW_S, LATEST_S = 1.0, 0.1  # time before the stop that is simulated; its end, in which differences count
+NOW_S, MORE = 5e-3, 2.0  # last instants; table and desired motion diverge if they differ more by this factor
+RECENT_S = 0.2  # samples lost within this time before the stop are a cause
+OFF, BETTER = 0.25, 0.4  # significant difference over the signal; over the other difference, to explain a floor
+JUMP, JUMPED = 3.0, 0.5  # from one sample to the next: over the usual steps, over the usual size of a channel
+BITS = 10.0  # a significant difference also exceeds this many bits of the channel
+FAST = 0.5  # a command faster than this fraction of the velocity limit may be too fast for the table
+KEPT = 3.0 / g.STUCK_BITS  # fraction of the guard's threshold (10 bits): the channel missed three bits of motion
+HALF_CYCLES = 9, 24  # of a growing oscillation: fewest, and most that are looked at
+GROWTH, UNEVEN = 1.5, 0.25  # its last third over the first; standard deviation of half cycles over their mean
+TOGETHER = 0.9  # channels that kept their code for this fraction of the longest such time stopped together
+OF_COMMAND = (
+    g.STROKE,
+    g.VELOCITY,
+    g.COMMAND,
+    g.RATE,
+    g.PLANNED_REACH,
+    g.DEVIATION,
+)  # reasons that depend on the command alone
+OF_TABLE = (g.TRACKING, g.ENERGY)  # reasons that depend on the table's sensor alone
+OF_FURTHER = (g.MEASURED_STROKE, g.DISAGREES)  # reasons that a displacement sensor or load cell gives
+DIAGNOSED = (*OF_COMMAND, g.ACCELERATION, g.FORCE, g.TRACKING, g.ENERGY, g.STUCK, g.SATURATED, *OF_FURTHER)
+HOST_SHARE = 0.1  # late steps over steps without samples, from which this computer is the cause
+LATE = 0.5  # fraction of an interval by which a step of a stalled computer begins late
+HOST = "end other programs, lower sample_rate_hz (rths doctor recommends one), or raise limits.lost_samples of the rig"
+STALLS = (  # values of the log's `lost`
+    (NO_ANSWER, "answers of the rig were lost", "the target or the link stalled", "check target and cable"),
+    (CAUGHT_UP, "steps overran their interval", "this computer stalled", HOST),
+)
+CHECK_SENSOR = "check its cable, power, sign and sensitivity"
+CHECK_SENSORS = "check their cables, order, power, signs and sensitivities"
+CHECK_TABLE = "check amplifier, command cable and end stops; lower scaling, or identify the rig anew"
+CHECK_LOOP = (
+    "rths check tells the loop's margins; lower feedback_bandwidth_hz, use controller FF, or identify up to there"
+)
+CHECK_EITHER = f"check the sensor; {CHECK_TABLE}"
+
 
 def fault_of(info: RigInfo, limits: GuardLimits, log: Signals, last: int, channel: int) -> tuple[int, str] | None:
     """Return the further channel that disagrees at step `last`, and how; None where none does.
@@ -138,48 +176,6 @@ def _way(info: RigInfo, shown: Array, must: Array, j: int) -> str:
 
 def _rms(row: Array) -> float:
     return float(np.sqrt(np.mean(row**2))) if row.size else 0.0
-
-
-Flags = NDArray[np.bool_]
-
-WINDOW_S, LATEST_S = 1.0, 0.1  # time before the stop that is simulated; its end, in which differences count
-NOW_S, MORE = 5e-3, 2.0  # last instants; table and desired motion diverge if they differ more by this factor
-RECENT_S = 0.2  # samples lost within this time before the stop are a cause
-OFF, BETTER = 0.25, 0.4  # significant difference over the signal; over the other difference, to explain a floor
-JUMP, JUMPED = 3.0, 0.5  # from one sample to the next: over the usual steps, over the usual size of a channel
-BITS = 10.0  # a significant difference also exceeds this many bits of the channel
-FAST = 0.5  # a command faster than this fraction of the velocity limit may be too fast for the table
-KEPT = 3.0 / g.STUCK_BITS  # fraction of the guard's threshold (10 bits): the channel missed three bits of motion
-HALF_CYCLES = 9, 24  # of a growing oscillation: fewest, and most that are looked at
-GROWTH, UNEVEN = 1.5, 0.25  # its last third over the first; standard deviation of half cycles over their mean
-TOGETHER = 0.9  # channels that kept their code for this fraction of the longest such time stopped together
-OF_COMMAND = (
-    g.STROKE,
-    g.VELOCITY,
-    g.COMMAND,
-    g.RATE,
-    g.PLANNED_REACH,
-    g.DEVIATION,
-)  # reasons that depend on the command alone
-OF_TABLE = (g.TRACKING, g.ENERGY)  # reasons that depend on the table's sensor alone
-OF_FURTHER = (g.MEASURED_STROKE, g.DISAGREES)  # reasons that a displacement sensor or load cell gives
-DIAGNOSED = (*OF_COMMAND, g.ACCELERATION, g.FORCE, g.TRACKING, g.ENERGY, g.STUCK, g.SATURATED, *OF_FURTHER)
-
-HOST_SHARE = 0.1  # late steps over steps without samples, from which this computer is the cause
-LATE = 0.5  # fraction of an interval by which a step of a stalled computer begins late
-HOST = "end other programs, lower sample_rate_hz (rths doctor recommends one), or raise limits.lost_samples of the rig"
-STALLS = (  # values of the log's `lost`
-    (NO_ANSWER, "answers of the rig were lost", "the target or the link stalled", "check target and cable"),
-    (CAUGHT_UP, "steps overran their interval", "this computer stalled", HOST),
-)
-
-CHECK_SENSOR = "check its cable, power, sign and sensitivity"
-CHECK_SENSORS = "check their cables, order, power, signs and sensitivities"
-CHECK_TABLE = "check amplifier, command cable and end stops; lower scaling, or identify the rig anew"
-CHECK_LOOP = (
-    "rths check tells the loop's margins; lower feedback_bandwidth_hz, use controller FF, or identify up to there"
-)
-CHECK_EITHER = f"check the sensor; {CHECK_TABLE}"
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,16 @@ SLOWLY = 8  # time over which samples return, over the length of the gap
 REMEMBERED = 2  # earlier samples that the correction of a sensor's low pass needs (control.sensor_correction)
 MISSED, RETURNED, NOW = range(3)  # places in Returning.gap
 
+STANDS_V, STEP_V, WANTED_V, STOOD_OFF_V, OFF_V, GROWS_V, RATE = range(7)  # places in a drift
+FASTEST_RATE = 250.0  # rad/s; largest rate of the return
+SPACING_S = 8e-3  # approximate time between two points: the preview lasts 112 ms
+DRIVEN = 3  # values in a row of the drive
+# Step between two points of the preview: at most LINE of the largest permitted one, and different from the step before
+# by at most CHANGE of it. The slope of the curve is then at most LINE + CHANGE / 2 of the permitted one at its
+# beginning, and LINE + CHANGE / 4 later.
+LINE, CHANGE = 0.8, 0.4
+CORNER = 0.125  # overshoot of the curve beyond a point at which it turns, over the largest change of a step
+
 
 class Returning(NamedTuple):
     """State of the return of samples after a gap; c channels, the further ones included."""
@@ -144,10 +154,6 @@ def blend(r: Returning, s: Step, share: float) -> None:
         s.samples[c] += share * (r.came[c] - s.samples[c])
 
 
-STANDS_V, STEP_V, WANTED_V, STOOD_OFF_V, OFF_V, GROWS_V, RATE = range(7)  # places in a drift
-FASTEST_RATE = 250.0  # rad/s; largest rate of the return
-
-
 def fresh_drift() -> Array:
     """Return the state (7,) of the command's return for a rig at 0 V.
 
@@ -229,10 +235,6 @@ def rejoin(drift: Array, limits: GuardLimits, bit_v: float, command: float) -> f
         drift[OFF_V] = left - command
     drift[STANDS_V], drift[STEP_V], drift[STOOD_OFF_V] = left, left - last, left - drift[WANTED_V]
     return left
-
-
-SPACING_S = 8e-3  # approximate time between two points: the preview lasts 112 ms
-DRIVEN = 3  # values in a row of the drive
 
 
 class Foresight(NamedTuple):
@@ -341,13 +343,6 @@ def foresee_rest(f: Foresight, limits: GuardLimits, g: GuardState) -> None:
         for _ in range(f.spacing):
             ramp_down(limits, f.rest)
         f.made[i] = f.rest.motion[0] / limits.gain_m_per_v
-
-
-# Step between two points of the preview: at most LINE of the largest permitted one, and different from the step before
-# by at most CHANGE of it. The slope of the curve is then at most LINE + CHANGE / 2 of the permitted one at its
-# beginning, and LINE + CHANGE / 4 later.
-LINE, CHANGE = 0.8, 0.4
-CORNER = 0.125  # overshoot of the curve beyond a point at which it turns, over the largest change of a step
 
 
 @part

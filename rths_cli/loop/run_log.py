@@ -31,6 +31,10 @@ SEVERAL = (
 """Signals whose columns are always numbered."""
 DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
 
+GO_ON, STOP_KEY, CTRL_C, SIGTERM, LOG_LOST = range(5)  # orders[0], read by the loop in every step
+PERIOD_S = 0.05
+PATIENCE_S = 10.0
+
 
 class Sizes(NamedTuple):
     """How many values of each kind a step has."""
@@ -164,11 +168,6 @@ def noted(values: Array, to: Array, at: int, k: int) -> int:
     for i in range(values.size):
         to[at + i, k] = values[i]
     return at + values.size
-
-
-GO_ON, STOP_KEY, CTRL_C, SIGTERM, LOG_LOST = range(5)  # orders[0], read by the loop in every step
-PERIOD_S = 0.05
-PATIENCE_S = 10.0
 
 
 class LogStream:

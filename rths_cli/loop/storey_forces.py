@@ -54,6 +54,23 @@ from rths_cli.structure.storey_laws import (
 
 EXACT = 1e-7  # tolerated error of the change of coordinates, relative to the largest entry
 
+REMEMBERED = 32  # numbers of a law: at least 2 OWN_STATES
+ROUNDS = 10  # of secants for a user's own law whose force depends on the rate
+MOST_PIECES = 8  # of a sample's drift, in each of which a hysteresis turns by at most half of its yield drift
+CORNERS = 6  # of Clough's law that a drift of one sample may pass
+SMALL = 1e-12  # share of the yield drift, below which abs(y)^n counts for nothing beside one
+NOTHING = 1e-7  # what a power may come to, times the fourth power of its relative change, to leave no error
+SHORT = 0.05  # of a width of pinching that y may go in one step; of 1 + rate e that e may change `rate` times
+MOST_ENERGY = 1e3  # dissipated, over k u_y^2, up to which degradation is tabulated; equations are evaluated beyond
+PINCHES, REACH = COLUMNS, COLUMNS + 1  # places in the first row of a table of degradation: zeta_s, and `begins`
+SIDE, SLOPE, BEND, NARROW, MOST, WAY, AHEAD, E_AHEAD, POWER, OFF, BESIDE = range(
+    3, 14
+)  # of the memory of a law that degrades
+STRENGTH, PINCHING = 16, 24  # the same: what its table says, values and slopes of four functions each
+PER_LIMIT = NUMBERS - 1  # place of one over Bouc and Wen's yield drift, in 1/m
+BACKBONE, UNLOADING, RELOADING = 1.0, 2.0, 3.0
+DEPENDING_ON_RATES = (VISCOUS, OWN)
+
 
 @part_class
 class Modal(NamedTuple):
@@ -153,24 +170,6 @@ def pairs_only(turned: Array) -> Array:
     """Return the 2 x 2 blocks on the diagonal of a matrix (n, n), zeros elsewhere."""
     keep = np.kron(np.eye(len(turned) // 2), np.ones((2, 2)))
     return np.asarray(turned * keep, dtype=float)
-
-
-REMEMBERED = 32  # numbers of a law: at least 2 OWN_STATES
-ROUNDS = 10  # of secants for a user's own law whose force depends on the rate
-MOST_PIECES = 8  # of a sample's drift, in each of which a hysteresis turns by at most half of its yield drift
-CORNERS = 6  # of Clough's law that a drift of one sample may pass
-SMALL = 1e-12  # share of the yield drift, below which abs(y)^n counts for nothing beside one
-NOTHING = 1e-7  # what a power may come to, times the fourth power of its relative change, to leave no error
-SHORT = 0.05  # of a width of pinching that y may go in one step; of 1 + rate e that e may change `rate` times
-MOST_ENERGY = 1e3  # dissipated, over k u_y^2, up to which degradation is tabulated; equations are evaluated beyond
-PINCHES, REACH = COLUMNS, COLUMNS + 1  # places in the first row of a table of degradation: zeta_s, and `begins`
-SIDE, SLOPE, BEND, NARROW, MOST, WAY, AHEAD, E_AHEAD, POWER, OFF, BESIDE = range(
-    3, 14
-)  # of the memory of a law that degrades
-STRENGTH, PINCHING = 16, 24  # the same: what its table says, values and slopes of four functions each
-PER_LIMIT = NUMBERS - 1  # place of one over Bouc and Wen's yield drift, in 1/m
-BACKBONE, UNLOADING, RELOADING = 1.0, 2.0, 3.0
-DEPENDING_ON_RATES = (VISCOUS, OWN)
 
 
 @part

@@ -126,6 +126,10 @@ STOREY_SHEAR = (
     "shear of the storey, -sum of mass times absolute acceleration from there up; storey 1: the building's base"
 )
 
+STEPS, LOGGED_OF_CHANNELS, OF_ESTIMATES = ("step",), ("channel", "step"), ("estimate", "step")
+OF_FURTHER = ("further_channel", "step")
+OF_LOGGED = ("value", "step")
+
 
 def declared_datasets() -> Iterator[DatasetDeclaration]:
     """Yield every dataset of a result outside /metrics in the order of its groups."""
@@ -356,9 +360,6 @@ STORED: dict[str, DatasetDeclaration] = {path: one for one in DATASETS.values() 
 """Every dataset by the paths it stands under in a file."""
 
 
-STEPS, LOGGED_OF_CHANNELS, OF_ESTIMATES = ("step",), ("channel", "step"), ("estimate", "step")
-OF_FURTHER = ("further_channel", "step")
-OF_LOGGED = ("value", "step")
 RAW_LOG_COLUMNS: dict[str, DatasetDeclaration] = {
     one.path: one
     for one in (

@@ -22,6 +22,18 @@ FULL = "above the lowest reliable frequency"
 Values = Mapping[str, ArrayLike]
 """Values of metrics by their paths: a number each, or one per storey, channel, mode or frequency."""
 
+TABLE_RUNS = ("shake_table", "exp_rths")
+"""The runs on the table, by the names of their groups."""
+Source = Literal["computed", "measured", "estimated", "true"]
+"""Where values come from; `true` is what only a simulated rig knows."""
+Kind = Literal["real", "complex", "text"]
+KIND_OF_DTYPE = {**dict.fromkeys("biuf", "real"), "c": "complex", **dict.fromkeys("OSU", "text")}
+ROUNDED_BITS = 32  # error at most 2^-32 = 2.3e-10 of the largest value
+RISING = ("time_s", "rest_time_s", "frequency_hz")
+"""Axes along which values rise."""
+SAMPLED = ("time_s", "rest_time_s")
+"""Axes of samples: a run that was stopped holds fewer, and a sample that is not known is NaN."""
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -56,14 +68,6 @@ class Quantity:
         return f"{self.text}, {self.band}" if self.band else self.text
 
 
-TABLE_RUNS = ("shake_table", "exp_rths")
-"""The runs on the table, by the names of their groups."""
-Source = Literal["computed", "measured", "estimated", "true"]
-"""Where values come from; `true` is what only a simulated rig knows."""
-Kind = Literal["real", "complex", "text"]
-KIND_OF_DTYPE = {**dict.fromkeys("biuf", "real"), "c": "complex", **dict.fromkeys("OSU", "text")}
-
-
 @dataclass(frozen=True)
 class Axis:
     """Hold what the scale of an axis is: its name in every group, unit and meaning.
@@ -75,9 +79,6 @@ class Axis:
     units: str
     text: str
     counted: bool = False
-
-
-ROUNDED_BITS = 32  # error at most 2^-32 = 2.3e-10 of the largest value
 
 
 @dataclass(frozen=True)
@@ -191,10 +192,6 @@ AXES: dict[str, Axis] = {
     )
 }
 """Every axis by its name. Scales are computed, none is measured."""
-RISING = ("time_s", "rest_time_s", "frequency_hz")
-"""Axes along which values rise."""
-SAMPLED = ("time_s", "rest_time_s")
-"""Axes of samples: a run that was stopped holds fewer, and a sample that is not known is NaN."""
 
 
 __all__ = ["ENDINGS", "typeset", "unit_of_name"]

@@ -32,6 +32,43 @@ WORDS = {"check": "pred.", "budget": "meas."}
 BUDGET_LABEL, BUDGET_COLUMN = 18, 10
 Metrics = Mapping[str, ArrayLike]
 
+ITEMS = {
+    "converter": "converter",
+    "hold": "hold",
+    "transport": "transport",
+    "inverse": "inverse, table",
+    "integration": "integration",
+    "sensor": "sensor low pass",
+    "coupling": "AC coupling",
+    "kalman": "Kalman filter",
+}
+SUMS = {"total": "total", "compensated": "compensated", "left": "left"}
+LEFT_SHARES = (0.05, 0.2)  # of the highest frequency: where the table shows what is left
+SAME_S = 1e-9
+LATENCY_LABEL, LATENCY_COLUMN, BY = 15, 8, 17
+NARROW = 7  # characters of a column on a narrow page
+KINDS = {"_true_full": "full-t", "_true": "true", "_full": "full", "_model": "model"}
+TOTALS = ("check.rms_error_m_s2", "check.tracking_rms_m_s2")  # of the error by cause, whose table has no intervals
+NAMES_SHARE = 0.7  # of a page's width; where names and units take more, values stand below them
+TITLE = "Other figures of this case (definitions: rths report --json, or the result file)"
+COLUMNS = {  # heading: metric, factor to the unit of the heading
+    "delay ms": ("exp_rths.tracking_delay_s", 1e3),
+    "FEI A": ("exp_rths.fei_amplitude", 1.0),
+    "FEI d ms": ("exp_rths.fei_delay_s", 1e3),
+    "J2": ("exp_rths.j2", 1.0),
+    "J3": ("exp_rths.j3", 1.0),
+    "J4": ("exp_rths.j4", 1.0),
+    "J5": ("exp_rths.j5", 1.0),
+    "energy": ("exp_rths.energy_error_ratio", 1.0),
+}
+PAIRS = ("nrmse_percent", "peak_error_percent", "rms_error_m_s2")  # the last one over that of SIM-DELAY
+PERCENT_COLUMN = 8
+PERCENT_NOTES = (
+    "RMS error: in percent of the RMS of SIM (NRMSE); peak error: in percent of SIM's peak; / SIM-DELAY: RMS error of "
+    "EXP-RTHS over that of SIM-DELAY, a ratio.",
+    "FEI: frequency evaluation index of the table in EXP-RTHS, effective delay (positive: late) and gain (1 = exact).",
+)
+
 
 def named_causes(result: Result) -> str:
     """Return the named causes of the error in one sentence, "" for a result without them."""
@@ -125,23 +162,6 @@ def _figure(
     return f"{value:{sign}.{digits}f} +- {off:.2g} {unit}"
 
 
-ITEMS = {
-    "converter": "converter",
-    "hold": "hold",
-    "transport": "transport",
-    "inverse": "inverse, table",
-    "integration": "integration",
-    "sensor": "sensor low pass",
-    "coupling": "AC coupling",
-    "kalman": "Kalman filter",
-}
-SUMS = {"total": "total", "compensated": "compensated", "left": "left"}
-LEFT_SHARES = (0.05, 0.2)  # of the highest frequency: where the table shows what is left
-SAME_S = 1e-9
-LATENCY_LABEL, LATENCY_COLUMN, BY = 15, 8, 17
-NARROW = 7  # characters of a column on a narrow page
-
-
 def latency_text(metrics: Mapping[str, ArrayLike]) -> str:
     """Return the table of latencies in ms with their sums, and the delay identified on the rig; "" without latencies.
 
@@ -219,12 +239,6 @@ def _identified(metrics: Mapping[str, ArrayLike]) -> list[str]:
         return [f"{first}; none was identified."]
     found, error = (_number(metrics, f"latency.{name}_s") for name in ("identified", "identified_error"))
     return [f"{first}, {with_uncertainty(found, error, 1e3)} ms (2 standard uncertainties) identified on the rig."]
-
-
-KINDS = {"_true_full": "full-t", "_true": "true", "_full": "full", "_model": "model"}
-TOTALS = ("check.rms_error_m_s2", "check.tracking_rms_m_s2")  # of the error by cause, whose table has no intervals
-NAMES_SHARE = 0.7  # of a page's width; where names and units take more, values stand below them
-TITLE = "Other figures of this case (definitions: rths report --json, or the result file)"
 
 
 def other_figures(entry: Entry, shown: Iterable[str]) -> str:
@@ -314,25 +328,6 @@ def _plain(value: float) -> str:
         return "-"
     near_one = 0.0 < abs(value - 1.0) < 1e-3  # a radius of 0.99996 is not 1
     return f"{float(value):.{7 if near_one else 4}g}"
-
-
-COLUMNS = {  # heading: metric, factor to the unit of the heading
-    "delay ms": ("exp_rths.tracking_delay_s", 1e3),
-    "FEI A": ("exp_rths.fei_amplitude", 1.0),
-    "FEI d ms": ("exp_rths.fei_delay_s", 1e3),
-    "J2": ("exp_rths.j2", 1.0),
-    "J3": ("exp_rths.j3", 1.0),
-    "J4": ("exp_rths.j4", 1.0),
-    "J5": ("exp_rths.j5", 1.0),
-    "energy": ("exp_rths.energy_error_ratio", 1.0),
-}
-PAIRS = ("nrmse_percent", "peak_error_percent", "rms_error_m_s2")  # the last one over that of SIM-DELAY
-PERCENT_COLUMN = 8
-PERCENT_NOTES = (
-    "RMS error: in percent of the RMS of SIM (NRMSE); peak error: in percent of SIM's peak; / SIM-DELAY: RMS error of "
-    "EXP-RTHS over that of SIM-DELAY, a ratio.",
-    "FEI: frequency evaluation index of the table in EXP-RTHS, effective delay (positive: late) and gain (1 = exact).",
-)
 
 
 def merit_table(cases: Sequence[Entry]) -> Table:

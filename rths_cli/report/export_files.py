@@ -39,6 +39,29 @@ from rths_cli.version import __version__
 
 BYTES = 8  # of a number, as it is written
 
+_AXES_OF_SERIES = (("time_s",), ("frequency_hz",))
+Tell = Callable[[str], None]
+"""Receives how far a file is written, as text."""
+AXES = ("time_s", "frequency_hz")
+ROWS = 4096  # made into text at a time
+OF_AXIS, OF_VALUE = "%.12g", "%.9g"
+NOT_FINITE = re.compile("nan|-?inf")
+OTHERWISE = {"nan": "NaN", "inf": "INF", "-inf": "-INF"}
+LARGEST_BYTES = (1 << 31) - 1  # of a variable: MAT-File Format (R2023b), chapter 1
+LONGEST_NAME = 63
+HEADER_TEXT_BYTES = 116
+KEYWORDS = frozenset(
+    ("break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function", "global", "if",
+     "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while")
+)  # fmt: skip
+ABOUT = ("units", "long_name", "source")
+Struct = dict[str, Any]
+NETCDF_REMOVED = (
+    "netcdf is no longer a format: a result file is netCDF-4 itself; "
+    'xarray.open_dataset("RESULT.h5", group="exp_rths", engine="h5netcdf") reads it, ncread in MATLAB'
+)
+TEXT_FACTOR = 2.1  # bytes of a number in CSV over those of the number, at most
+
 
 @dataclass(frozen=True)
 class Source:
@@ -89,9 +112,6 @@ def _chosen(group: str, wanted: Sequence[str]) -> bool:
     return not wanted or any(group == name or group.startswith(f"{name}/") for name in wanted)
 
 
-_AXES_OF_SERIES = (("time_s",), ("frequency_hz",))
-
-
 def notes(source: Source) -> dict[str, Any]:
     """Return the attributes of a result and, by group, the datasets that are not series; None if not finite."""
     about = {key: _plain(value) for key, value in source.result.attributes.items()}
@@ -113,10 +133,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-Tell = Callable[[str], None]
-"""Receives how far a file is written, as text."""
 
 
 @dataclass(frozen=True)
@@ -152,13 +168,6 @@ def with_reason(target: Target, part: Path, tell: Tell) -> None:
         target.write(part, lambda text: tell(f"{target.path}, {text}"))
     except (OSError, RuntimeError) as error:
         raise InputError(refusal(target.path, "cannot write", error)) from error
-
-
-AXES = ("time_s", "frequency_hz")
-ROWS = 4096  # made into text at a time
-OF_AXIS, OF_VALUE = "%.12g", "%.9g"
-NOT_FINITE = re.compile("nan|-?inf")
-OTHERWISE = {"nan": "NaN", "inf": "INF", "-inf": "-INF"}
 
 
 @dataclass(frozen=True)
@@ -268,17 +277,6 @@ def _about_column(column: Column) -> dict[str, Any]:
     }
 
 
-LARGEST_BYTES = (1 << 31) - 1  # of a variable: MAT-File Format (R2023b), chapter 1
-LONGEST_NAME = 63
-HEADER_TEXT_BYTES = 116
-KEYWORDS = frozenset(
-    ("break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for", "function", "global", "if",
-     "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while")
-)  # fmt: skip
-ABOUT = ("units", "long_name", "source")
-Struct = dict[str, Any]
-
-
 def mat_targets(source: Source, folder: Path) -> list[Target]:
     """Return the one file of a result; raises InputError where a variable would pass the format's 2 GB."""
     for top in dict.fromkeys(path.partition("/")[0] for path in source.groups):
@@ -372,11 +370,6 @@ FORMATS: Mapping[str, Callable[[Source, Path], list[Target]]] = {
     "csv": csv_targets,
     "mat": mat_targets,
 }
-NETCDF_REMOVED = (
-    "netcdf is no longer a format: a result file is netCDF-4 itself; "
-    'xarray.open_dataset("RESULT.h5", group="exp_rths", engine="h5netcdf") reads it, ncread in MATLAB'
-)
-TEXT_FACTOR = 2.1  # bytes of a number in CSV over those of the number, at most
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,38 @@ from rths_cli.rigs.description import adjective, capabilities_of
 
 COVERED = 0.95  # probability of the confidence interval
 
+NAMES = {
+    "case": "case_name",
+    "controller": "controller",
+    "damping": "damping_name",
+    "method": "method",
+    "record": "record_name",
+    "rig": "rig",
+    "rig_kind": "rig_kind",
+    "scaling": "scaling",
+    "seed": "seed",
+}
+NAMING = {"case_name", "controller", "damping_name", "record_name", "rig", "scaling"}  # another one, another case name
+PLACE = ("rig", "rig_kind", "record", "scaling", "damping", "controller", "method", "software")
+SHOWN = (
+    "shake_table.tracking_max_m_s2",
+    "shake_table.tracking_rms_m_s2",
+    "exp_rths.tracking_max_m_s2",
+    "exp_rths.tracking_rms_m_s2",
+    "sim_delay.rms_error_m_s2",
+    "exp_rths.rms_error_m_s2",
+)
+OTHERS = 2  # groups beside the first one in a table of text
+COLUMN = 12
+Place = tuple[str, int | None]
+HEADS = ("n", "mean", "std", "min", "max", "95 % from", "95 % to")
+REPEAT_COLUMN = 9
+KEYS = ("case", "method", "rig", "rig_kind")
+WORSE, BETTER, SAME, SEEN = "worse", "better", "same", "not judged"
+FLOOR_M_S2 = 1e-6  # smaller changes of an error are rounding, whatever their ratio
+DEFAULT_PERCENT = 1.0  # tolerance
+LISTED = 20  # largest number of worse metrics in the text
+
 
 @dataclass(frozen=True)
 class Statistics:
@@ -54,34 +86,10 @@ def student(freedom: int) -> float:
     return float(stdtrit(freedom, 0.5 * (1.0 + COVERED)))
 
 
-NAMES = {
-    "case": "case_name",
-    "controller": "controller",
-    "damping": "damping_name",
-    "method": "method",
-    "record": "record_name",
-    "rig": "rig",
-    "rig_kind": "rig_kind",
-    "scaling": "scaling",
-    "seed": "seed",
-}
 MADE: dict[str, Callable[[Result], str]] = {
     "folder": lambda result: str(result.path.parent),
     "software": lambda result: software(result),
 }
-NAMING = {"case_name", "controller", "damping_name", "record_name", "rig", "scaling"}  # another one, another case name
-PLACE = ("rig", "rig_kind", "record", "scaling", "damping", "controller", "method", "software")
-SHOWN = (
-    "shake_table.tracking_max_m_s2",
-    "shake_table.tracking_rms_m_s2",
-    "exp_rths.tracking_max_m_s2",
-    "exp_rths.tracking_rms_m_s2",
-    "sim_delay.rms_error_m_s2",
-    "exp_rths.rms_error_m_s2",
-)
-OTHERS = 2  # groups beside the first one in a table of text
-COLUMN = 12
-Place = tuple[str, int | None]
 
 
 @dataclass(frozen=True)
@@ -249,10 +257,6 @@ def _ratio(above: Statistics | None, below: Statistics | None) -> str:
     return six_wide(above.mean / below.mean)
 
 
-HEADS = ("n", "mean", "std", "min", "max", "95 % from", "95 % to")
-REPEAT_COLUMN = 9
-
-
 @dataclass(frozen=True)
 class Repeats:
     """The repeated runs of one case."""
@@ -339,13 +343,6 @@ def _text(value: float) -> str:
     if not np.isfinite(value):
         return "-"
     return six_wide(value) if value >= 0 else f"-{six_wide(-value)}"
-
-
-KEYS = ("case", "method", "rig", "rig_kind")
-WORSE, BETTER, SAME, SEEN = "worse", "better", "same", "not judged"
-FLOOR_M_S2 = 1e-6  # smaller changes of an error are rounding, whatever their ratio
-DEFAULT_PERCENT = 1.0  # tolerance
-LISTED = 20  # largest number of worse metrics in the text
 
 
 @dataclass(frozen=True)

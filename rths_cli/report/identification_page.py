@@ -32,6 +32,10 @@ from rths_cli.report.text_layout import aligned, labelled, width, wrapped_below_
 if TYPE_CHECKING:
     from rths_cli.experiment.identify_command import About
 
+UNKNOWN = (DASH, DASH)
+UNDETERMINED = "not determined"
+SIGNIFICANT = 3.0  # standard errors
+
 
 def as_document(found: Identification, about: About) -> dict[str, Any]:
     """Return an identification as a document for JSON; roots are [real, imaginary] in rad/s."""
@@ -156,10 +160,6 @@ def band(low_hz: float, high_hz: float) -> str:
     return f"{rounded(low_hz)}-{rounded(high_hz)}"
 
 
-UNKNOWN = (DASH, DASH)
-UNDETERMINED = "not determined"
-
-
 def specimen_lines(found: Identification) -> list[str]:
     """Return the lines on modes, storeys and mode shapes, from excitation and free vibration."""
     known = found.specimen or found.free_vibration
@@ -260,8 +260,6 @@ def _shapes(fit: SpecimenFit, floors: Sequence[str]) -> list[str]:
 
 
 __all__ = ["as_document", "page", "rejected_document", "rejected_page", "title", "verdict_sentence"]
-
-SIGNIFICANT = 3.0  # standard errors
 
 
 def page(found: Identification, about: About) -> str:

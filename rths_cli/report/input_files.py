@@ -23,6 +23,11 @@ AT_ONCE = 4  # largest number of processes
 CHUNK = 8  # files that a process takes at a time
 Tell = Callable[[str], None]
 
+APART = ("name", "seed", "method", "runs", "accept", "notes", "reference")  # keys that do not distinguish cases
+SEED = re.compile(r"^  seed: .*\n", re.MULTILINE)
+KEY = re.compile(r"^(?=[^\s-])", re.MULTILINE)
+Key = Callable[[Result], tuple[str, ...]]
+
 
 @dataclass(frozen=True)
 class Unread:
@@ -97,12 +102,6 @@ def _shared(result: Result) -> Result:
     units = {sys.intern(path): sys.intern(unit) for path, unit in result.units.items()}
     definitions = {sys.intern(path): sys.intern(about) for path, about in result.definitions.items()}
     return replace(result, units=units, definitions=definitions)
-
-
-APART = ("name", "seed", "method", "runs", "accept", "notes", "reference")  # keys that do not distinguish cases
-SEED = re.compile(r"^  seed: .*\n", re.MULTILINE)
-KEY = re.compile(r"^(?=[^\s-])", re.MULTILINE)
-Key = Callable[[Result], tuple[str, ...]]
 
 
 def other_units(results: Sequence[Result]) -> list[Unread]:

@@ -42,6 +42,17 @@ from rths_cli.report.text_layout import (
 TRACKING_KINDS = {"true": "_true", "full band, measured": "_full", "full band, true": "_true_full"}
 WIDTH = 7
 
+Cells = Callable[[Entry | None, int], tuple[Cell, ...]]
+RESPONSE_KINDS = {"true": "_true", "full": "_full", "full-t": "_true_full"}
+DAMPINGS_PER_TABLE = 2
+KINDS = {"meas.": "", "true": "_true", "full": "_full", "full-t": "_true_full"}
+TRACKING_METRICS = {"max": "tracking_max_m_s2", "RMS": "tracking_rms_m_s2"}
+ERRORS = {"RMS": "rms_error_m_s2", "max": "max_error_m_s2"}
+FACTORS = {"m/s^2": 1.0, "mm/s^2": 1e3}
+RUNS = {"SIM-DELAY": "sim_delay", "EXP-RTHS": "exp_rths"}
+HELD, NOT_HELD, UNJUDGED = "held", "not held", "cannot be judged"
+HEADS = (Cell("source"), Cell("measured"), Cell("true"), Cell("figures compared"))
+
 
 def tracking_tables(cases: Sequence[Entry]) -> Iterator[Table]:
     """Yield Table 5.1: measured in the test band, then true (on a virtual rig) and in full band."""
@@ -99,11 +110,6 @@ def _headers(sources: Sequence[str]) -> tuple[tuple[Cell, ...], ...]:
     span = 2 * len(sources)
     tests = (Cell("(1) Shake table test", span), Cell("(2) RTHS", span))
     return tests, tuple(Cell(source, 2) for source in sources) * 2, (Cell("max"), Cell("RMS")) * span
-
-
-Cells = Callable[[Entry | None, int], tuple[Cell, ...]]
-RESPONSE_KINDS = {"true": "_true", "full": "_full", "full-t": "_true_full"}
-DAMPINGS_PER_TABLE = 2
 
 
 def response_tables(cases: Sequence[Entry]) -> Iterator[Table]:
@@ -213,13 +219,6 @@ def _response_rows(cases: Sequence[Entry], levels: Sequence[tuple[bool, float, s
             yield Row(str(storey + 1), row)
 
 
-KINDS = {"meas.": "", "true": "_true", "full": "_full", "full-t": "_true_full"}
-TRACKING_METRICS = {"max": "tracking_max_m_s2", "RMS": "tracking_rms_m_s2"}
-ERRORS = {"RMS": "rms_error_m_s2", "max": "max_error_m_s2"}
-FACTORS = {"m/s^2": 1.0, "mm/s^2": 1e3}
-RUNS = {"SIM-DELAY": "sim_delay", "EXP-RTHS": "exp_rths"}
-
-
 def single_table(entry: Entry, unit: str = "m/s^2") -> Table:
     """Return the metrics of the paper's two tables for one case: published if known, then by method and kind.
 
@@ -308,9 +307,6 @@ def _scaled(states: Sequence[float | str], factor: float) -> list[float | str]:
 def _state(result: Result, path: str, suffix: str, storey: int | None) -> float | str:
     """Return a number or the word why there is none; "-" for a true error of SIM-DELAY, which is computed."""
     return "-" if path.startswith("sim_delay.") and "_true" in suffix else state(result, path + suffix, storey)
-
-
-HELD, NOT_HELD, UNJUDGED = "held", "not held", "cannot be judged"
 
 
 @dataclass(frozen=True)
@@ -511,9 +507,6 @@ CLAIMS = (
     Claim("EXP-RTHS is better with more damping (RMS error)", _better_with_damping),
     Claim("FF+FB's maximum tracking error in RTHS is above FF's", _feedback_peaks_higher),
 )
-
-
-HEADS = (Cell("source"), Cell("measured"), Cell("true"), Cell("figures compared"))
 
 
 def claims_tables(cases: Sequence[Entry]) -> Iterator[Table]:

@@ -29,6 +29,8 @@ DIVERGED = "diverged"
 TABLE_RUNS = ("shake_table", "exp_rths")
 SHORT = {"interrupted": "halted"}  # in a narrow column
 
+ACCEPT = re.compile(r"^accept:.*\n(?:[ -].*\n)*", re.MULTILINE)
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -272,9 +274,6 @@ def _order(names: Sequence[str]) -> dict[str, int]:
 
 def _rank(known: Sequence[str], name: str) -> tuple[int, str]:
     return (known.index(name), "") if name in known else (len(known), name)
-
-
-ACCEPT = re.compile(r"^accept:.*\n(?:[ -].*\n)*", re.MULTILINE)
 
 
 def limits_of(result: Result) -> dict[str, float]:

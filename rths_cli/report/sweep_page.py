@@ -29,6 +29,18 @@ PLAYED = "exp_rths."
 WHOSE = {"exp_rths": "EXP-RTHS:", "check": "predicted:"}
 IN_THOUSANDTHS = {"m/s^2": "mm/s^2", "m": "mm", "s": "ms"}
 
+PERCENTILES = (5, 16, 50, 84, 95)
+MOST_METRICS = 10  # printed; with more, those that every sweep has
+COLUMN = 9
+SMALL = 0.01  # below it four decimals are fewer than three digits
+INDEX_COLUMN = 20
+TRACKING = "exp_rths.tracking_rms_m_s2"
+STATISTICS = {"median": 50.0, "95 %": 95.0, "largest": 100.0}
+POINTS_SHOWN = 40
+REASONS_SHOWN = 5
+MM_PER_M = 1e3
+MOST_STOREYS = (WIDTH - 40) // COLUMN
+
 
 @dataclass(frozen=True)
 class Gridded:
@@ -111,12 +123,6 @@ def as_text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     return value if isinstance(value, str) else json.dumps(value).replace('"', "")
-
-
-PERCENTILES = (5, 16, 50, 84, 95)
-MOST_METRICS = 10  # printed; with more, those that every sweep has
-COLUMN = 9
-SMALL = 0.01  # below it four decimals are fewer than three digits
 
 
 def summary(sweep: Sweep) -> dict[str, Any]:
@@ -202,9 +208,6 @@ def _of_metric(figure: Figure) -> dict[str, Any]:
     }
 
 
-INDEX_COLUMN = 20
-
-
 def indexed_keys(sweep: Sweep) -> tuple[str, ...]:
     """Return the keys of a study that was sampled for Sobol indices, () for another sweep."""
     if not sweep.study_yaml:
@@ -282,14 +285,6 @@ def _index_text(value: float, error: float) -> str:
 
 def _seeds(sweep: Sweep) -> str:
     return f" (mean of {sweep.seeds_per_point} seeds)" if sweep.seeds_per_point > 1 else ""
-
-
-TRACKING = "exp_rths.tracking_rms_m_s2"
-STATISTICS = {"median": 50.0, "95 %": 95.0, "largest": 100.0}
-POINTS_SHOWN = 40
-REASONS_SHOWN = 5
-MM_PER_M = 1e3
-MOST_STOREYS = (WIDTH - 40) // COLUMN
 
 
 @dataclass(frozen=True)

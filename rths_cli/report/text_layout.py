@@ -26,6 +26,13 @@ _COLUMNS = ContextVar("columns", default=WIDTH)
 LABEL_SHARE = 3  # of a narrow page a column of labels takes at most one part of so many
 NARROWEST_LABEL = 6  # characters
 
+LABEL = 24
+TRACKING = ("tracking_max_m_s2", "tracking_rms_m_s2")
+TESTS = {"shake_table": "shake table test", "exp_rths": "RTHS"}
+SIM_DELAY_ERROR = "sim_delay.rms_error_m_s2"
+EXP_ERROR = "exp_rths.rms_error_m_s2"
+UNFINISHED = "*"  # mark of a metric whose run did not end as planned
+
 
 @contextmanager
 def laid_out_in(columns: int) -> Iterator[None]:
@@ -225,9 +232,6 @@ def _ends(groups: Sequence[int]) -> Iterator[int]:
         yield end
 
 
-LABEL = 24
-
-
 def labelled(label: str, text: str) -> str:
     """Return a line with a label in its column, followed by a text."""
     return f"{label:<{LABEL - 1}} {text}".rstrip()
@@ -259,13 +263,6 @@ def wrapped_below_labels(lines: Sequence[str]) -> str:
     """Return lines wrapped at the width of the page; continuation lines begin below the text of `labelled`."""
     indent = " " * LABEL
     return "\n".join(textwrap.fill(line, width(), subsequent_indent=indent, break_on_hyphens=False) for line in lines)
-
-
-TRACKING = ("tracking_max_m_s2", "tracking_rms_m_s2")
-TESTS = {"shake_table": "shake table test", "exp_rths": "RTHS"}
-SIM_DELAY_ERROR = "sim_delay.rms_error_m_s2"
-EXP_ERROR = "exp_rths.rms_error_m_s2"
-UNFINISHED = "*"  # mark of a metric whose run did not end as planned
 
 
 def words(states: Sequence[float | str], mark: str = " ") -> tuple[Cell, ...]:

@@ -10,6 +10,8 @@ import numpy as np
 from rths_cli.numerics.lti import Array, ComplexArray
 from rths_cli.structure.storey_laws import Laws, arranged
 
+ROUNDING = float(np.finfo(float).eps)
+
 
 def storey_matrix(storey_values: Sequence[float] | Array) -> Array:
     """Return the matrix (n, n) of storey stiffnesses in N/m or dashpots in N s/m (n,), as in Eq. 2.1."""
@@ -21,9 +23,6 @@ def storey_matrix(storey_values: Sequence[float] | Array) -> Array:
 def storey_values(matrix: Array) -> Array:
     """Return the storey values (n,) of a chain matrix (n, n): the inverse of `storey_matrix`."""
     return np.append(matrix.sum(axis=1)[:1], -np.diag(matrix, -1))
-
-
-ROUNDING = float(np.finfo(float).eps)
 
 
 def above_rounding(eigenvalues: Array) -> Array:

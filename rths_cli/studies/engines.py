@@ -43,6 +43,18 @@ SEVERAL = "a worker runs rths {theirs}, this process rths {ours}{why}; install t
 SAME_NUMBER = ", with other sources or another Python, numpy, scipy or numba"
 _SHARED = SharedValues(size=1)  # what rows share, of the sweep that this process works for
 
+P = ParamSpec("P")
+T = TypeVar("T")
+ENGINES = ("inline", "threads", "processes", "dask")
+ELSEWHERE = ("processes", "dask")
+AHEAD = 4  # runs or chunks handed out per worker: enough to work on while more are made ready
+LOOK_S = 5.0  # between two looks whether any worker is there; the first is told where there is none
+LOSSES = 3  # in a row without a chunk that ends in between: then a run itself ends its process
+LOGGERS = ("distributed", "distributed.client", "tornado.application")  # of Dask, which log with a traceback
+INSTALL = "pip install 'rths-cli[dask]'"
+START_METHOD = "forkserver" if sys.platform == "linux" else "spawn"  # forked ones import nothing, others do
+PRELOADED = ("rths_cli.studies.engines", "scipy.signal", "h5py")  # what every run needs
+
 
 class OtherSoftwareError(RthsError):
     """A worker has another rths, Python or numerical package than the process that asks it."""
@@ -113,20 +125,6 @@ def _rows(shared: Shared, work: Work, point: PointRows) -> Iterator[Row]:
         return
     for variant, seed in point.rows:
         yield play_variant(ready, variant, seed, columns, work.storeys)
-
-
-P = ParamSpec("P")
-T = TypeVar("T")
-
-ENGINES = ("inline", "threads", "processes", "dask")
-ELSEWHERE = ("processes", "dask")
-AHEAD = 4  # runs or chunks handed out per worker: enough to work on while more are made ready
-LOOK_S = 5.0  # between two looks whether any worker is there; the first is told where there is none
-LOSSES = 3  # in a row without a chunk that ends in between: then a run itself ends its process
-LOGGERS = ("distributed", "distributed.client", "tornado.application")  # of Dask, which log with a traceback
-INSTALL = "pip install 'rths-cli[dask]'"
-START_METHOD = "forkserver" if sys.platform == "linux" else "spawn"  # forked ones import nothing, others do
-PRELOADED = ("rths_cli.studies.engines", "scipy.signal", "h5py")  # what every run needs
 
 
 @dataclass(frozen=True)

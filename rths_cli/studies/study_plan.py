@@ -54,6 +54,27 @@ if TYPE_CHECKING:
 
 INSIDE = 1 - 1e-10  # of the unit interval, about its middle: a quantile at its ends would be infinite
 
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+RANGE = re.compile(rf"({NUMBER}):({NUMBER}):([-+]?\d+)")
+WHOLE = re.compile(r"[-+]?\d+")
+SEEDS = re.compile(r"(\d{1,18})(?::(\d{1,18}))?")
+NOT_VARIED = {
+    "seed": "is no key to vary; give --seeds, or seeds in a study",
+    "name": "changes no figure; vary another key (rths schema case lists them)",
+    "notes": "changes no figure; vary another key (rths schema case lists them)",
+    "accept": "changes no figure; give one limit with --set",
+    "grade_limits": "changes no figure; vary another key (rths schema case lists them)",
+    "reference": "changes no figure; vary another key (rths schema case lists them)",
+    "report_in": "changes no figure; vary another key (rths schema case lists them)",
+    "scale.stress": "changes no figure, for a sweep has them in model scale; vary scale.length",
+    "scale.mass": "changes no figure, for a sweep has them in model scale; vary scale.length",
+    "runs": "changes nothing, a sweep runs EXP-RTHS alone; vary another key (rths schema case lists them)",
+}
+COMPARED = {
+    "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge, "==": operator.eq, "!=": operator.ne,
+}  # fmt: skip
+MOST_CSV_BYTES = 1 << 28
+
 
 def unit_samples(method: Method, count: int, axes: int, seed: int) -> Array:
     """Return samples (n, axes) in (0, 1); n is `count`, for `sobol_indices` count (axes + 2).
@@ -119,24 +140,6 @@ def quantiles(of: Strict, shares: Array) -> Array:
 def chosen(count: int, shares: Array) -> Array:
     """Return which of `count` values, each as likely, the `shares` (n,) of the unit interval stand for."""
     return np.asarray(np.minimum((shares * count).astype(np.int64), count - 1))
-
-
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-RANGE = re.compile(rf"({NUMBER}):({NUMBER}):([-+]?\d+)")
-WHOLE = re.compile(r"[-+]?\d+")
-SEEDS = re.compile(r"(\d{1,18})(?::(\d{1,18}))?")
-NOT_VARIED = {
-    "seed": "is no key to vary; give --seeds, or seeds in a study",
-    "name": "changes no figure; vary another key (rths schema case lists them)",
-    "notes": "changes no figure; vary another key (rths schema case lists them)",
-    "accept": "changes no figure; give one limit with --set",
-    "grade_limits": "changes no figure; vary another key (rths schema case lists them)",
-    "reference": "changes no figure; vary another key (rths schema case lists them)",
-    "report_in": "changes no figure; vary another key (rths schema case lists them)",
-    "scale.stress": "changes no figure, for a sweep has them in model scale; vary scale.length",
-    "scale.mass": "changes no figure, for a sweep has them in model scale; vary scale.length",
-    "runs": "changes nothing, a sweep runs EXP-RTHS alone; vary another key (rths schema case lists them)",
-}
 
 
 def read_axes(vary: Sequence[str], faults: list[str]) -> tuple[Axis, ...]:
@@ -229,12 +232,6 @@ def _repeated(names: Sequence[str]) -> list[str]:
 def seeds_text(seeds: range) -> str:
     """Return the seeds as `--seeds` takes them."""
     return f"{seeds[0]}:{seeds[-1]}"
-
-
-COMPARED = {
-    "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge, "==": operator.eq, "!=": operator.ne,
-}  # fmt: skip
-MOST_CSV_BYTES = 1 << 28
 
 
 @dataclass(frozen=True)

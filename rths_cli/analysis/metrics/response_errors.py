@@ -32,6 +32,12 @@ BLOCKS_PER_PERIOD = 256  # blocks per period of the corner frequency, the slowes
 CONTINUED_PERIODS = 3.0  # periods of the corner frequency by which each end of a record is continued
 PARABOLA = 3  # coefficients of the parabola
 
+BAND_ORDER = 4  # of the test band's low pass, once
+_SECTIONS = BAND_ORDER // 2  # of second order, of which it is made
+_TAPERED = 0.1  # fraction of the record that the delay fit tapers, half of it at each end
+_MOST_NEWTON_STEPS = 20
+SUMMED_AT_ONCE = 256  # samples of a partial sum of squares
+
 
 def high_passed(series: ArrayLike, corner_hz: float, dt_s: float) -> Array:
     """Return `series` (..., n) without motion slower than `corner_hz`, in its unit; unchanged for a corner of 0.
@@ -138,13 +144,6 @@ def _take_line(
         tile[padding + k, 1] -= a1 + share * d1
         tile[padding + k, 2] -= a2 + share * d2
         tile[padding + k, 3] -= a3 + share * d3
-
-
-BAND_ORDER = 4  # of the test band's low pass, once
-_SECTIONS = BAND_ORDER // 2  # of second order, of which it is made
-_TAPERED = 0.1  # fraction of the record that the delay fit tapers, half of it at each end
-_MOST_NEWTON_STEPS = 20
-SUMMED_AT_ONCE = 256  # samples of a partial sum of squares
 
 
 @dataclass(frozen=True)

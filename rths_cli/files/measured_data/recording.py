@@ -20,6 +20,31 @@ from rths_cli.numerics.lti import Array
 
 _NAMES_LISTED = 12
 
+WHOLE = 1e-3  # of a sample: a start that is so near to another's samples is one of them
+ROUNDING_S = 1e-6  # of stated times
+MOST = 10_000  # channels of one file
+TAPS = 32  # samples on either side of which a value between two is made
+BETA = 9.0  # of the Kaiser window over them: 1e-4 below 0.85 of half the sample rate
+_STARTS = {"t0", "tstart", "starttime", "starttimes", "startoffset", "startoffsets", "timeoffset", "timeoffsets"}
+LONGEST_BRIDGED = 3
+LARGEST_SHARE = 0.001
+"""Share of a record's samples that may be bridged."""
+BAND = 0.1
+"""A bridged channel's content lies below this part of half the sample rate ..."""
+POWER_ABOVE = 0.01
+"""... all but this share of its power."""
+_BESIDE = 2
+"""Samples on either side of a gap through which the cubic passes."""
+MAX_INTERVAL_S = 1.0
+AGREEMENT = 1e-6
+"""Relative difference up to which two statements of one interval agree."""
+JITTER = 0.2
+"""Largest distance of a time from its even place, as a part of the interval; a step may be wrong by twice that."""
+_ADVICE = "resample the recording evenly, or, if it is even, remove the column and give --rate"
+_JITTER_NOTED = 0.01
+_RATES = {"fs", "fshz", "rate", "ratehz", "samplerate", "sampleratehz", "samplingrate", "samplingratehz"}
+_INTERVALS = {"dt", "dts", "ts", "tsample", "sampletime", "sampletimes", "sampleinterval", "sampleintervals"}
+
 
 @dataclass(frozen=True)
 class Recording:
@@ -78,12 +103,6 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(every[:_NAMES_LISTED]) + more
 
 
-WHOLE = 1e-3  # of a sample: a start that is so near to another's samples is one of them
-ROUNDING_S = 1e-6  # of stated times
-MOST = 10_000  # channels of one file
-TAPS = 32  # samples on either side of which a value between two is made
-BETA = 9.0  # of the Kaiser window over them: 1e-4 below 0.85 of half the sample rate
-_STARTS = {"t0", "tstart", "starttime", "starttimes", "startoffset", "startoffsets", "timeoffset", "timeoffsets"}
 _STARTS |= {"wfstartoffset", "wfstarttime", "xstart", "x0", "start", "starts"}
 
 
@@ -188,17 +207,6 @@ def _between(values: Array, late: float, first: int, end: int) -> Array:
     return np.convolve(values, (weights / weights.sum())[::-1], "full")[TAPS + first : TAPS + end]
 
 
-LONGEST_BRIDGED = 3
-LARGEST_SHARE = 0.001
-"""Share of a record's samples that may be bridged."""
-BAND = 0.1
-"""A bridged channel's content lies below this part of half the sample rate ..."""
-POWER_ABOVE = 0.01
-"""... all but this share of its power."""
-_BESIDE = 2
-"""Samples on either side of a gap through which the cubic passes."""
-
-
 def missing(samples: Array, names: Sequence[str], dt_s: float) -> tuple[str, ...]:
     """Return one sentence per channel with missing samples: number, share, longest run, time of the first.
 
@@ -288,16 +296,7 @@ def _bridge(values: Array, starts: NDArray[np.intp], length: int) -> None:
     values[starts[:, None] + inside] = values[starts[:, None] + nodes] @ weights.T
 
 
-MAX_INTERVAL_S = 1.0
-AGREEMENT = 1e-6
-"""Relative difference up to which two statements of one interval agree."""
-JITTER = 0.2
-"""Largest distance of a time from its even place, as a part of the interval; a step may be wrong by twice that."""
-_ADVICE = "resample the recording evenly, or, if it is even, remove the column and give --rate"
-_JITTER_NOTED = 0.01
-_RATES = {"fs", "fshz", "rate", "ratehz", "samplerate", "sampleratehz", "samplingrate", "samplingratehz"}
 _RATES |= {"samplefrequency", "samplingfrequency", "samplingfrequencyhz"}
-_INTERVALS = {"dt", "dts", "ts", "tsample", "sampletime", "sampletimes", "sampleinterval", "sampleintervals"}
 _INTERVALS |= {"samplinginterval", "samplingintervals", "samplingperiod", "sampleperiod", "wfincrement"}
 
 

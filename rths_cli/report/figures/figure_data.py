@@ -30,6 +30,15 @@ MOST_STOREYS = 4
 
 FAR_LARGER = 10.0  # times SIM's peak: a SIM-DELAY beyond it would set the axes of what is compared
 
+POINTS_PER_FIGURE = 7500  # of all lines together: what keeps a vector file below 300 KB
+POINTS_PER_LINE = (40, 2000)
+CLOSE_LOOK_S = 3.0
+BUCKETS = 8000  # of a series at most, two samples each: several times what a screen has columns, to zoom into
+MOST_CHARACTERS = 3_400_000  # of all series of a page
+QUANTA = 32767  # to which a peak is divided
+FINE = 100  # quanta that half of a series must exceed to be told in them
+Packed = dict[str, int | float | str]
+
 
 class NotDrawn(InputError):
     """Raised if a result lacks the data of a figure; the message states the reason."""
@@ -157,11 +166,6 @@ def chosen_storeys(storeys: int, interface: int) -> list[int]:
     return sorted({1, cut, max(middle, 1), storeys})
 
 
-POINTS_PER_FIGURE = 7500  # of all lines together: what keeps a vector file below 300 KB
-POINTS_PER_LINE = (40, 2000)
-CLOSE_LOOK_S = 3.0
-
-
 def points_of_lines(weights: Sequence[float]) -> list[int]:
     """Return the largest number of points of each line of a figure, in proportion to its weight."""
     least, most = POINTS_PER_LINE
@@ -227,14 +231,6 @@ def quietest(time_s: Array, values: Array, length_s: float) -> slice:
     moving = power[start + count :] - power[start : power.size - count]
     first = start + int(moving.argmin())
     return slice(first, min(first + count + 1, values.size))
-
-
-BUCKETS = 8000  # of a series at most, two samples each: several times what a screen has columns, to zoom into
-MOST_CHARACTERS = 3_400_000  # of all series of a page
-QUANTA = 32767  # to which a peak is divided
-FINE = 100  # quanta that half of a series must exceed to be told in them
-
-Packed = dict[str, int | float | str]
 
 
 @dataclass(frozen=True)

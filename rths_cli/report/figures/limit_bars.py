@@ -67,6 +67,21 @@ MARGINS = {
 LOOPS = {"check": "hybrid loop", "feedback": "feedback"}
 VALUE = Mark("", BLACK, "s")
 
+ERROR_KINDS = {
+    "check": Mark("predicted before the run", ORANGE, "D", 5.0, filled=False),
+    "budget": Mark("measured", BLUE),
+}
+TOGETHER = "together"
+MICRO = 1e6
+LEAST_S = 1e-8  # zero has no place on a logarithmic axis
+TIMING_KINDS = {
+    "compute_s": Look("computing", BLUE, "solid", 0.7),
+    "late_s": Look("late", ORANGE, (0, (5.0, 1.5)), 0.9),
+    "exchange_s": Look("exchange", GREEN, (0, (1.5, 1.0)), 0.9),
+}
+INTERVAL = Look("sample interval", VERMILLION, (0, (4.0, 2.0)), 0.9)
+LOST = Look("no samples", VERMILLION)
+
 
 def limits(source: Source, width: str) -> Figure:
     """Draw predicted and reached peaks in percent of their limits, and the margins of the hybrid loop and feedback."""
@@ -146,13 +161,6 @@ def _figure(source: Source, path: str) -> float:
     return float("nan") if found is None else float(found[0])
 
 
-ERROR_KINDS = {
-    "check": Mark("predicted before the run", ORANGE, "D", 5.0, filled=False),
-    "budget": Mark("measured", BLUE),
-}
-TOGETHER = "together"
-
-
 def error_budget(source: Source, width: str) -> Figure:
     """Draw RMS errors by cause, predicted and measured: of tracking and of storeys to SIM, test band."""
     kinds = [kind for kind in ERROR_KINDS if source.metric(f"{kind}.rms_error_coupling_m_s2") is not None]
@@ -190,17 +198,6 @@ def error_by(source: Source, kind: str, cause: str, column: int) -> float:
     part = f"_{cause}" if cause else ""
     found = source.metric(f"{owner}.rms_error{part}_m_s2" if column else f"{owner}.tracking_rms{part}_m_s2")
     return float("nan") if found is None else float(found[max(column - 1, 0)])
-
-
-MICRO = 1e6
-LEAST_S = 1e-8  # zero has no place on a logarithmic axis
-TIMING_KINDS = {
-    "compute_s": Look("computing", BLUE, "solid", 0.7),
-    "late_s": Look("late", ORANGE, (0, (5.0, 1.5)), 0.9),
-    "exchange_s": Look("exchange", GREEN, (0, (1.5, 1.0)), 0.9),
-}
-INTERVAL = Look("sample interval", VERMILLION, (0, (4.0, 2.0)), 0.9)
-LOST = Look("no samples", VERMILLION)
 
 
 def timing(source: Source, width: str) -> Figure:

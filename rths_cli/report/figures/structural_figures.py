@@ -75,6 +75,11 @@ DRIFT, SHEAR, DISPLACEMENT = "inter_storey_drift_m", "storey_shear_n", "rel_disp
 LOOPS_S = 6.0  # of the hysteresis: around the largest drift
 POINTS_PER_LOOP = 12000  # corners stay sharp; a figure leaves out what lies on a line
 
+MOST_MODES = 5  # drawn
+HIGH_MM = 62.0
+HALF_WIDTH = 0.5  # of the sketch
+LONGEST_NAME = 18  # characters above the sketch
+
 
 def drifts_m(source: Source, run: str) -> Array | None:
     """Return the inter-storey drifts (n_storeys, n) of a run in m, computed where the file holds displacements alone;
@@ -290,12 +295,6 @@ def against_sim(source: Source, width: str) -> Figure:
             column.append((closer, replace(below, ylabel="", close=close)))
         pairs.append(column)
     return draw_pairs(source, pairs, width, source.band)
-
-
-MOST_MODES = 5  # drawn
-HIGH_MM = 62.0
-HALF_WIDTH = 0.5  # of the sketch
-LONGEST_NAME = 18  # characters above the sketch
 
 
 def write_figure(found: Inspected, path: Path) -> None:

@@ -32,6 +32,17 @@ MOST_LABELS = {"one": 6, "two": 12}  # of a value on an axis
 LONGEST_VALUE = 18  # characters of a text on an axis
 LOG_STEP = 0.01  # relative; steps of equal ratio get a logarithmic axis
 
+RADIUS = "check.spectral_radius"
+FEW_VALUES = 8  # of a key, up to which each value is a group of its own
+SHARE = 0.2  # of the grid points at either end of a key with more values
+MOST_LINES = 1000  # of parallel coordinates
+ROW_MM, AROUND_MM = 9.0, 24.0
+BAR = 0.6
+LABEL_CHARACTERS = {"one": 16, "two": 40}
+PLOT_CHARACTERS = {"one": 54, "two": 120}  # of a value's label, across the axes of a tornado
+VALUE_CHARACTER_POINTS = 3.3  # of a value at a parallel axis
+NAME_CHARACTER_MM, LEAST_CHARACTERS = 1.5, 8  # of the name of a parallel axis; with less room it is written upwards
+
 
 def sweep_figure(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> Figure:
     """Draw a metric of a sweep over its varied keys; raises NotDrawn for none or more than two of them."""
@@ -185,18 +196,6 @@ def two_lines(text: str) -> str:
     """Return a long name of an axis in two lines."""
     head, comma, rest = text.partition(", ")
     return f"{head},\n{rest}" if comma else text
-
-
-RADIUS = "check.spectral_radius"
-FEW_VALUES = 8  # of a key, up to which each value is a group of its own
-SHARE = 0.2  # of the grid points at either end of a key with more values
-MOST_LINES = 1000  # of parallel coordinates
-ROW_MM, AROUND_MM = 9.0, 24.0
-BAR = 0.6
-LABEL_CHARACTERS = {"one": 16, "two": 40}
-PLOT_CHARACTERS = {"one": 54, "two": 120}  # of a value's label, across the axes of a tornado
-VALUE_CHARACTER_POINTS = 3.3  # of a value at a parallel axis
-NAME_CHARACTER_MM, LEAST_CHARACTERS = 1.5, 8  # of the name of a parallel axis; with less room it is written upwards
 
 
 def tornado(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> Figure:

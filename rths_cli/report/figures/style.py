@@ -66,6 +66,8 @@ METADATA: dict[str, dict[str, str | None]] = {
     "pdf": {"CreationDate": None},
 }
 
+SINGLE_FIGURE_FORMS = ("png", "svg", "pdf")
+
 
 @dataclass(frozen=True)
 class Look:
@@ -107,9 +109,6 @@ def in_house_style() -> AbstractContextManager[None]:
 def plain(text: str) -> str:
     """Return a text with escaped dollar signs, which would otherwise begin a formula."""
     return text.replace("$", r"\$")
-
-
-SINGLE_FIGURE_FORMS = ("png", "svg", "pdf")
 
 
 def write_figure_file(path: Path, image: Callable[[str], bytes]) -> None:

@@ -69,6 +69,50 @@ from rths_cli.report.text_layout import Cell, Row, Table, remarks
 
 GROUP = "identification"
 
+_ROOT_HEAD = ["Root of the table model", "frequency (Hz)", "damping ratio (%)"]
+JUDGED = {HELD: GOOD, NOT_HELD: BAD}
+KINDS = {"check": "pred.", "budget": "meas."}
+TIMES = {
+    "late_s": "start of the exchange, late by",
+    "exchange_s": "exchange with the rig",
+    "compute_s": "step and guard",
+}
+SHARES = {"median": 50.0, "99 %": 99.0, "99.9 %": 99.9, "largest": 100.0}
+TABLES = {"exp_rths": "EXP-RTHS", "shake_table": "shake table test"}
+CAPTIONS = {
+    "sweep": "The metric over the varied keys{of}. A cross or an empty cell: a run was refused, aborted or failed.",
+    "tornado": "How far each key moves the median: grid points with its smallest and with its largest values{of}. "
+    "Grey bar: all values of the key. Black line: median of all grid points.",
+    "parallel": "Each line is a grid point{of}; its colour is its height on the last axis. Grey: a run was refused, "
+    "aborted or failed.",
+    "sobol": "Share of the variance that comes from each key; bars: one standard error.",
+    "stability": "Boundary of stability by the check, and how the runs ended. Shaded: the check forecasts an unstable "
+    "loop.",
+}
+ORIGIN = {
+    "created_utc": "Made",
+    "rths_version": "rths",
+    "command_line": "Command",
+    "seeds": "Seeds",
+    "grid_points": "Grid points",
+    "status_reason": "Runs",
+    "plan_sha256": "Hash of the plan",
+    "software_sha256": "Hash of the software",
+}
+STYLES = ("uPlot.min.css", "page.css")
+SCRIPTS = ("uPlot.iife.min.js", "page.js")
+ENCODING = "utf-8"
+WITH_ERRORS = ("sim_delay", "shake_table", "exp_rths")  # runs that are compared with others
+SECTIONS = {
+    "overview": "Overview",
+    "response": "Response by storey",
+    "verdicts": "Status and limits",
+    "errors": "Errors",
+    "histories": "Table",
+    "cases": "Cases and metrics",
+    "provenance": "Provenance",
+}
+
 
 def response(result: Result) -> dict[str, str] | None:
     """Return measured and modelled response of the table for JSON: Hz, m/s²/V, degrees; None if none is stored."""
@@ -118,9 +162,6 @@ def identification(result: Result) -> Html:
     return join([table([["Identified", "value"]], _numbers(result)), table([_ROOT_HEAD], _roots(result), "figures")])
 
 
-_ROOT_HEAD = ["Root of the table model", "frequency (Hz)", "damping ratio (%)"]
-
-
 def _numbers(result: Result) -> Iterator[list[str]]:
     used = model(result)
     yield ["source of the model", str(result.attributes.get("model_source") or "-")]
@@ -155,9 +196,6 @@ def _read(result: Result, name: str) -> Array:
 
 def _number(result: Result, name: str) -> float:
     return float(_read(result, name))
-
-
-JUDGED = {HELD: GOOD, NOT_HELD: BAD}
 
 
 def error_tables(cases: Sequence[Entry]) -> Html:
@@ -222,16 +260,6 @@ def _row(kind: str, label: str, cells: Sequence[Cell], shown: Table) -> Html:
 def _heading(row: Row, shown: Table) -> Html:
     attributes = {"colspan": str(sum(shown.groups) + 1), "class": "heading"}
     return element("tr", element("th", element("span", row.label), attributes=attributes))
-
-
-KINDS = {"check": "pred.", "budget": "meas."}
-TIMES = {
-    "late_s": "start of the exchange, late by",
-    "exchange_s": "exchange with the rig",
-    "compute_s": "step and guard",
-}
-SHARES = {"median": 50.0, "99 %": 99.0, "99.9 %": 99.9, "largest": 100.0}
-TABLES = {"exp_rths": "EXP-RTHS", "shake_table": "shake table test"}
 
 
 def every_figure(entry: Entry) -> Html:
@@ -329,28 +357,6 @@ def _causes(result: Result, kinds: list[str], cause: str, storeys: int) -> Itera
             yield "-" if values is None else f"{1e3 * float(np.atleast_1d(values)[max(column - 1, 0)]):.3f}"
 
 
-CAPTIONS = {
-    "sweep": "The metric over the varied keys{of}. A cross or an empty cell: a run was refused, aborted or failed.",
-    "tornado": "How far each key moves the median: grid points with its smallest and with its largest values{of}. "
-    "Grey bar: all values of the key. Black line: median of all grid points.",
-    "parallel": "Each line is a grid point{of}; its colour is its height on the last axis. Grey: a run was refused, "
-    "aborted or failed.",
-    "sobol": "Share of the variance that comes from each key; bars: one standard error.",
-    "stability": "Boundary of stability by the check, and how the runs ended. Shaded: the check forecasts an unstable "
-    "loop.",
-}
-ORIGIN = {
-    "created_utc": "Made",
-    "rths_version": "rths",
-    "command_line": "Command",
-    "seeds": "Seeds",
-    "grid_points": "Grid points",
-    "status_reason": "Runs",
-    "plan_sha256": "Hash of the plan",
-    "software_sha256": "Hash of the software",
-}
-
-
 def study_section(path: Path, sweep: Sweep) -> Html:
     """Return the section of a sweep, given with its file."""
     told = element("pre", page_without_grid_points(sweep, path).strip("\n"))
@@ -388,12 +394,6 @@ def _figures(sweep: Sweep) -> Iterator[Html]:
         told = CAPTIONS[name].format(of=of)
         yield classed("div", "drawing", Html(f'<img src="{source}" alt="{told}">'))
         yield classed("p", "caption", told)
-
-
-STYLES = ("uPlot.min.css", "page.css")
-SCRIPTS = ("uPlot.iife.min.js", "page.js")
-ENCODING = "utf-8"
-WITH_ERRORS = ("sim_delay", "shake_table", "exp_rths")  # runs that are compared with others
 
 
 def write_page(
@@ -466,17 +466,6 @@ def _header(title: str, cases: Sequence[Entry], results: Sequence[Result], secti
     scales = (classed("p", "note", line) for line in scale_lines(results))
     verdicts = overview.verdicts(results)
     return element("header", element("h1", title), told, *scales, verdicts, element("nav", *links))
-
-
-SECTIONS = {
-    "overview": "Overview",
-    "response": "Response by storey",
-    "verdicts": "Status and limits",
-    "errors": "Errors",
-    "histories": "Table",
-    "cases": "Cases and metrics",
-    "provenance": "Provenance",
-}
 
 
 def _sections(cases: Sequence[Entry], results: Sequence[Result], command_line: str) -> list[tuple[str, Html]]:

@@ -28,6 +28,34 @@ from rths_cli.rigs.description import capabilities_of
 MET, NOT_MET, NOT_JUDGED = "met", "not met", "not judged"
 RUNS = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "shake table test", "exp_rths": "EXP-RTHS"}
 
+GOOD, BAD, OPEN = "good", "bad", "open"
+CHECKED = {"safe": GOOD, "unsafe": BAD, "unstable": BAD}
+HEADS = ("result", "table", "status", "check before", "accept limits")
+SAID = "verdict"  # of several results, whose first screen shows one
+ABOUT = {
+    "rths_version": "version of rths",
+    "git_commit": "commit",
+    "package_versions": "packages",
+    "platform": "platform",
+    "rig": "rig",
+    "rig_kind": "kind of rig",
+    "calibration": "calibration of the rig",
+    "driver_verified": "driver verified on",
+    "seed": "seed",
+    "sample_rate_hz": "sample rate (Hz)",
+    "record_name": "record",
+    "record_sha256": "record, SHA-256",
+    "record_baseline": "removed from the record",
+    "model_sha256": "table model, SHA-256",
+    "model_source": "table model from",
+    "overrides": "overrides",
+}
+MOST_RESULTS_UNFOLDED = 1
+WIDE, HIGH, GROUND = 264.0, 330.0, 314.0  # of the sketch, and where its ground is, in px
+LEFT, RIGHT = 20.0, 105.0  # its columns
+ROOM = 12.0  # between two labels of floors, at least
+LETTER = 6.2  # width of one
+
 
 @dataclass(frozen=True)
 class Limit:
@@ -98,12 +126,6 @@ def _figure(result: Result, path: str) -> float | None:
 
 def _mapping(value: object) -> Mapping[str, Any]:
     return value if isinstance(value, dict) else {}
-
-
-GOOD, BAD, OPEN = "good", "bad", "open"
-CHECKED = {"safe": GOOD, "unsafe": BAD, "unstable": BAD}
-HEADS = ("result", "table", "status", "check before", "accept limits")
-SAID = "verdict"  # of several results, whose first screen shows one
 
 
 def verdict_table(results: Sequence[Result]) -> Html:
@@ -186,26 +208,6 @@ def _limits(limits: Sequence[Limit]) -> Iterator[Html]:
         yield element("div", pill(kind, one.verdict), text)
 
 
-ABOUT = {
-    "rths_version": "version of rths",
-    "git_commit": "commit",
-    "package_versions": "packages",
-    "platform": "platform",
-    "rig": "rig",
-    "rig_kind": "kind of rig",
-    "calibration": "calibration of the rig",
-    "driver_verified": "driver verified on",
-    "seed": "seed",
-    "sample_rate_hz": "sample rate (Hz)",
-    "record_name": "record",
-    "record_sha256": "record, SHA-256",
-    "record_baseline": "removed from the record",
-    "model_sha256": "table model, SHA-256",
-    "model_source": "table model from",
-    "overrides": "overrides",
-}
-
-
 def provenance(results: Sequence[Result]) -> Html:
     """Return the origin of the results, each value once with its results, and the files of the results."""
     rows = (row for key, label in ABOUT.items() for row in _rows(results, key, label))
@@ -266,13 +268,6 @@ def _packages(text: str) -> Iterator[str]:
         yield from (f"{name} {version}" for name, version in found.items())
     elif text:
         yield text
-
-
-MOST_RESULTS_UNFOLDED = 1
-WIDE, HIGH, GROUND = 264.0, 330.0, 314.0  # of the sketch, and where its ground is, in px
-LEFT, RIGHT = 20.0, 105.0  # its columns
-ROOM = 12.0  # between two labels of floors, at least
-LETTER = 6.2  # width of one
 
 
 def verdicts(results: Sequence[Result]) -> Html:

@@ -16,6 +16,50 @@ from rths_cli.numerics.compiled import borrowed, entry, part
 Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint64]
 
+# offsets of the fields in the header
+MAGIC, VERSION, KIND, COUNT, STATE, FAULTS, LOST, SEQUENCE, SENT_NS, INSTANT_NS, WORDS = (
+    0,
+    4,
+    5,
+    6,
+    7,
+    8,
+    12,
+    16,
+    24,
+    32,
+    40,
+)
+MAGIC_BYTES = b"RTHS"
+MAGIC_NUMBER = int.from_bytes(MAGIC_BYTES, "little")
+PROTOCOL = 3  # value of the field VERSION
+MOST_WORDS = 62
+TAG_BYTES = 8
+LEAST_BYTES = WORDS + TAG_BYTES
+MOST_BYTES = (
+    WORDS + 8 * MOST_WORDS + TAG_BYTES
+)  # 544: never in fragments (the smallest MTU of IPv4 is 576, less 28 for its headers, of IPv6 1280)
+# kinds: to the target HELLO, ARM, COMMAND, REST, CLOSE; from it WELCOME, REFUSAL, SAMPLES
+HELLO, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE = range(1, 9)
+# number of words of HELLO, WELCOME, REFUSAL and ARM; each begins with a nonce of 16 bytes. HELLO is as long as WELCOME,
+# with two words of 0 at its end, so that a target never answers with more bytes than it received
+HELLO_WORDS, WELCOME_WORDS, REFUSAL_WORDS, ARM_WORDS = 7, 7, 4, 5
+NONCE_BYTES = 16
+AFTER_NONCE = WORDS + NONCE_BYTES  # HELLO and ARM: channels, interval, watchdog; WELCOME: the target's nonce
+# the words of a COMMAND: the command alone, or with the spacing of its preview in sample intervals, and its points
+COMMAND_V, SPACING, FIRST_POINT = WORDS, WORDS + 8, WORDS + 16
+MOST_POINTS = 14
+LONGEST_SPACING = 1000
+# states of the target: commands are obeyed only in ARMED; RESTING brings the table to rest, RESTED ends the session
+IDLE, ARMED, RESTING, RESTED = range(4)
+# faults, one bit each; a target's own ones from TARGET_FAULT on
+WATCHDOG, END_STOP, EMERGENCY_STOP, BAD_COMMAND, SENSOR, ACTUATOR, OVERRUN = (1 << bit for bit in range(7))
+TARGET_FAULT = 1 << 16
+# reasons of a REFUSAL
+NO_VERSION, BUSY, OTHER_CHANNELS, TOO_FAST, FAULTY = range(1, 6)
+# results of `verdict`
+GENUINE, MALFORMED, OTHER_VERSION, FORGED = range(4)
+
 
 @part
 def get_word(data: Bytes, at: int) -> np.uint64:
@@ -73,58 +117,6 @@ def siphash_into(data: Bytes, size: int, key: Words, result: Words) -> None:
     """Write SipHash-2-4 of the first `size` bytes of `data` under the key (2,) into result[0]."""
     data, key, result = borrowed((data, key, result))
     result[0] = siphash(data, size, key)
-
-
-# offsets of the fields in the header
-MAGIC, VERSION, KIND, COUNT, STATE, FAULTS, LOST, SEQUENCE, SENT_NS, INSTANT_NS, WORDS = (
-    0,
-    4,
-    5,
-    6,
-    7,
-    8,
-    12,
-    16,
-    24,
-    32,
-    40,
-)
-MAGIC_BYTES = b"RTHS"
-MAGIC_NUMBER = int.from_bytes(MAGIC_BYTES, "little")
-PROTOCOL = 3  # value of the field VERSION
-MOST_WORDS = 62
-TAG_BYTES = 8
-LEAST_BYTES = WORDS + TAG_BYTES
-MOST_BYTES = (
-    WORDS + 8 * MOST_WORDS + TAG_BYTES
-)  # 544: never in fragments (the smallest MTU of IPv4 is 576, less 28 for its headers, of IPv6 1280)
-
-# kinds: to the target HELLO, ARM, COMMAND, REST, CLOSE; from it WELCOME, REFUSAL, SAMPLES
-HELLO, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE = range(1, 9)
-
-# number of words of HELLO, WELCOME, REFUSAL and ARM; each begins with a nonce of 16 bytes. HELLO is as long as WELCOME,
-# with two words of 0 at its end, so that a target never answers with more bytes than it received
-HELLO_WORDS, WELCOME_WORDS, REFUSAL_WORDS, ARM_WORDS = 7, 7, 4, 5
-NONCE_BYTES = 16
-AFTER_NONCE = WORDS + NONCE_BYTES  # HELLO and ARM: channels, interval, watchdog; WELCOME: the target's nonce
-
-# the words of a COMMAND: the command alone, or with the spacing of its preview in sample intervals, and its points
-COMMAND_V, SPACING, FIRST_POINT = WORDS, WORDS + 8, WORDS + 16
-MOST_POINTS = 14
-LONGEST_SPACING = 1000
-
-# states of the target: commands are obeyed only in ARMED; RESTING brings the table to rest, RESTED ends the session
-IDLE, ARMED, RESTING, RESTED = range(4)
-
-# faults, one bit each; a target's own ones from TARGET_FAULT on
-WATCHDOG, END_STOP, EMERGENCY_STOP, BAD_COMMAND, SENSOR, ACTUATOR, OVERRUN = (1 << bit for bit in range(7))
-TARGET_FAULT = 1 << 16
-
-# reasons of a REFUSAL
-NO_VERSION, BUSY, OTHER_CHANNELS, TOO_FAST, FAULTY = range(1, 6)
-
-# results of `verdict`
-GENUINE, MALFORMED, OTHER_VERSION, FORGED = range(4)
 
 
 @part

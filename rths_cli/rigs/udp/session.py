@@ -29,6 +29,10 @@ GREETING_S = 5.0
 RESEND_S = 0.1
 HELLO_WORDS, WELCOME_WORDS, REFUSAL_WORDS, ARM_WORDS = "<16s3q16x", "<16s16s3q", "<16s2Q", "<16s3q"
 
+KEY_FILE_VARIABLE = "RTHS_KEY_FILE"
+LONGEST_BYTES = 1024  # number of bytes that are read; a longer file is no key file
+_AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)  # no pipe is waited for
+
 
 @dataclass(frozen=True)
 class Terms:
@@ -158,11 +162,6 @@ def _receive(link: socket.socket, timeout_s: float) -> bytes | None:
         except OSError:  # the peer's port was closed when an earlier packet came
             time.sleep(min(0.001, left))
     return None
-
-
-KEY_FILE_VARIABLE = "RTHS_KEY_FILE"
-LONGEST_BYTES = 1024  # number of bytes that are read; a longer file is no key file
-_AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)  # no pipe is waited for
 
 
 def read_secret(key_file: Path | None) -> Words:

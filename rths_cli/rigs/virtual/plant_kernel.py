@@ -40,6 +40,18 @@ from rths_cli.structure.storey_laws import (
 SATURATED = 10.0  # tanh(10) is 1 within 5e-9
 SOLVED = 1e-9  # of tanh(v / v_s) at a node
 
+REMEMBERED = 12  # numbers of a law
+PHASE = 1e-3  # rad in an inner step, of the specimen's fastest vibration
+ROUNDS = 40  # of the fixed point
+CONTRACTION = 0.25  # of an error in the forces by one round of the fixed point
+FASTEST_M_S = 1.0  # rate of a storey up to which a damper's tangent is bounded
+MOST_PIECES = 8
+MOST_CORNERS = 8
+ELASTIC, BACKBONE, UNLOADING, RELOADING = range(4)
+END_STOP = 1
+CLIPPED_LEVEL = 4
+CROSSING_LEVEL = 9  # of an interval in which clipping may begin or end
+
 
 @part
 def tanh(value: float) -> float:
@@ -156,16 +168,6 @@ def solve(plant: Plant, s: PlantState, level: int, active: int) -> None:
         solve_friction(plant, s, level)
     else:
         solve_both(plant, s, level)
-
-
-REMEMBERED = 12  # numbers of a law
-PHASE = 1e-3  # rad in an inner step, of the specimen's fastest vibration
-ROUNDS = 40  # of the fixed point
-CONTRACTION = 0.25  # of an error in the forces by one round of the fixed point
-FASTEST_M_S = 1.0  # rate of a storey up to which a damper's tangent is bounded
-MOST_PIECES = 8
-MOST_CORNERS = 8
-ELASTIC, BACKBONE, UNLOADING, RELOADING = range(4)
 
 
 @part_class
@@ -472,11 +474,6 @@ def clough(numbers: Array, memory: Array, u: float) -> float:
     memory[1] += memory[8] * (u - memory[0])
     memory[0] = u
     return memory[1] - k * u
-
-
-END_STOP = 1
-CLIPPED_LEVEL = 4
-CROSSING_LEVEL = 9  # of an interval in which clipping may begin or end
 
 
 @part_class

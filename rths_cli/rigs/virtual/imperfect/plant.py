@@ -42,6 +42,43 @@ from rths_cli.structure.storey_laws import SOFTENING
 X, V, F, Q, DQ, PITCH, DPITCH, BRISTLE, FLOORS = range(9)
 """Places in the state; the floors' drifts begin at FLOORS, their rates follow."""
 
+ACCELERATION, DISPLACEMENT, COIL_DISPLACEMENT, FORCE, DRIFT = range(5)
+"""What a channel senses: absolute acceleration of table (place 0) or floors (1, 2, ..., between two: interpolated);
+absolute displacement of table or floors, or of the coil; force on all that stands on a load cell, at the table (0)
+with a plate, or in a storey (1, 2, ...); drift of a storey (1, 2, ...)."""
+NODES = 5
+BY_NODES = np.linalg.inv(np.vander(np.linspace(0.0, 1.0, NODES), NODES, increasing=True))
+"""Coefficients of the powers of the share of a step, from the values at its five instants."""
+SERIES = 16
+STAGES = 7
+FRACTIONS = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
+STAGE = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
+        [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
+        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
+        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
+        [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+    ]
+)
+ERROR = np.array([-71 / 57600, 0.0, 71 / 16695, -71 / 1920, 17253 / 339200, -22 / 525, 1 / 40])
+WITHIN = np.array(  # Shampine (1986): weights of the stages, by the powers 1 to 4 of the share of the step
+    [
+        [1.0, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
+        [0.0, 0.0, 0.0, 0.0],
+        [0.0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
+        [0.0, -1754552775 / 470086768, 14199869525 / 1410260304, -10690763975 / 1880347072],
+        [0.0, 127303824393 / 49829197408, -318862633887 / 49829197408, 701980252875 / 199316789632],
+        [0.0, -282668133 / 205662961, 2019193451 / 616988883, -1453857185 / 822651844],
+        [0.0, 40617522 / 29380423, -110615467 / 29380423, 69997945 / 29380423],
+    ]
+)
+SHORTEST = 1.0 / 4096.0  # of an interval
+FARTHEST = 0.45  # of an interval, by which an instant may miss its clock
+GROWTH, SHRINKAGE, MARGIN = 5.0, 0.2, 0.9
+
 
 class Mechanics(NamedTuple):
     """Constants of the equations, in SI units; 0 switches an effect off."""
@@ -168,16 +205,6 @@ def rates(
         made[FLOORS + n + i] = accel[1 + i] - accel[0] - m.heights_m[i] * made[DPITCH]
 
 
-ACCELERATION, DISPLACEMENT, COIL_DISPLACEMENT, FORCE, DRIFT = range(5)
-"""What a channel senses: absolute acceleration of table (place 0) or floors (1, 2, ..., between two: interpolated);
-absolute displacement of table or floors, or of the coil; force on all that stands on a load cell, at the table (0)
-with a plate, or in a storey (1, 2, ...); drift of a storey (1, 2, ...)."""
-NODES = 5
-BY_NODES = np.linalg.inv(np.vander(np.linspace(0.0, 1.0, NODES), NODES, increasing=True))
-"""Coefficients of the powers of the share of a step, from the values at its five instants."""
-SERIES = 16
-
-
 class Sensing(NamedTuple):
     """Constants of c channels."""
 
@@ -273,36 +300,6 @@ def conditioned(low_rate: float, high_rate: float, fast: float, slow: float) -> 
     if low_rate == 0.0:
         return fast - slow
     return low_rate / (low_rate - high_rate) * (fast - slow)
-
-
-STAGES = 7
-FRACTIONS = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
-STAGE = np.array(
-    [
-        [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [1 / 5, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [3 / 40, 9 / 40, 0.0, 0.0, 0.0, 0.0],
-        [44 / 45, -56 / 15, 32 / 9, 0.0, 0.0, 0.0],
-        [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729, 0.0, 0.0],
-        [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656, 0.0],
-        [35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-    ]
-)
-ERROR = np.array([-71 / 57600, 0.0, 71 / 16695, -71 / 1920, 17253 / 339200, -22 / 525, 1 / 40])
-WITHIN = np.array(  # Shampine (1986): weights of the stages, by the powers 1 to 4 of the share of the step
-    [
-        [1.0, -8048581381 / 2820520608, 8663915743 / 2820520608, -12715105075 / 11282082432],
-        [0.0, 0.0, 0.0, 0.0],
-        [0.0, 131558114200 / 32700410799, -68118460800 / 10900136933, 87487479700 / 32700410799],
-        [0.0, -1754552775 / 470086768, 14199869525 / 1410260304, -10690763975 / 1880347072],
-        [0.0, 127303824393 / 49829197408, -318862633887 / 49829197408, 701980252875 / 199316789632],
-        [0.0, -282668133 / 205662961, 2019193451 / 616988883, -1453857185 / 822651844],
-        [0.0, 40617522 / 29380423, -110615467 / 29380423, 69997945 / 29380423],
-    ]
-)
-SHORTEST = 1.0 / 4096.0  # of an interval
-FARTHEST = 0.45  # of an interval, by which an instant may miss its clock
-GROWTH, SHRINKAGE, MARGIN = 5.0, 0.2, 0.9
 
 
 class ImperfectState(NamedTuple):

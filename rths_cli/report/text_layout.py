@@ -1,5 +1,4 @@
-"""Plain text: tables with lines of equal width, cells, wrapped paragraphs, numbers in six characters, values with
-their intervals.
+"""Plain text: tables with lines of equal width, cells of metrics, labelled lines, wrapped paragraphs.
 
 Pages are 100 columns wide, or as wide as `laid_out_in` says while they are made: a table that is wider is printed in
 parts, one below the other.

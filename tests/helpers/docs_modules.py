@@ -11,13 +11,10 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "rths_cli"
 BEGIN, END = "<!-- modules: made by python tests/helpers/docs_reference.py -->\n", "<!-- end of modules -->\n"
 ORDER = (
-    "cli", "api", "report", "studies", "experiment", "loop", "analysis", "identification", "control", "rigs",
+    "cli", "api", "report", "studies", "laboratory", "experiment", "loop", "analysis", "identification", "control", "rigs",
     "structure", "files", "case", "numerics", "quantities",
 )  # fmt: skip
-SUBORDINATE = ("After", "From", "If", "When", "Where")  # a comma in such a sentence is no end of a clause
-LEAST = 12  # characters that say what a module is for
-LONG = 4  # characters of a word that says something
-WHOLE = 40  # characters of a sentence that is not cut
+LONGEST = 110  # characters of what is said of a module; a longer sentence ends at its last mark before that
 
 
 def module_map() -> str:
@@ -46,24 +43,20 @@ def _package(folder: Path) -> Iterator[str]:
 def _modules(folder: Path) -> Iterator[str]:
     for path in sorted(folder.glob("*.py")):
         if path.name != "__init__.py":
-            clause = _clause(_first_sentence(path))
-            yield f"- `{path.stem}`" if _says_no_more(path.stem, clause) else f"- `{path.stem}`: {clause}"
+            yield f"- `{path.stem}`: {_shortened(_first_sentence(path))}"
 
 
-def _says_no_more(name: str, clause: str) -> bool:
-    """Tell whether a clause has hardly a word that its module's name does not have."""
-    words = [word for word in re.findall(r"[a-z0-9]+", clause.lower()) if len(word) >= LONG]
-    stems = [part[:LONG] for part in name.split("_")]
-    return sum(not word.startswith(tuple(stems)) for word in words) <= 2
-
-
-def _clause(sentence: str) -> str:
-    """Return the beginning of a sentence, up to the first mark that ends a clause."""
-    if len(sentence) <= WHOLE:
+def _shortened(sentence: str) -> str:
+    """Return a sentence, or what of it comes before its last mark within LONGEST characters."""
+    if len(sentence) <= LONGEST:
         return sentence
-    marks = r"[;:] | \(" if sentence.startswith(SUBORDINATE) else r"[,;:] | \("
-    ends = (found.start() for found in re.finditer(marks, sentence) if found.start() >= LEAST)
-    return sentence[: next((end for end in ends if sentence.count("`", 0, end) % 2 == 0), len(sentence))]
+    marks = [found.start() for found in re.finditer(r"[,;:] ", sentence[:LONGEST])]
+    ends = [
+        end
+        for end in marks
+        if sentence.count("`", 0, end) % 2 == 0 and sentence.count("(", 0, end) == sentence.count(")", 0, end)
+    ]
+    return sentence[: ends[-1]] if ends else sentence
 
 
 def _first_sentence(path: Path) -> str:

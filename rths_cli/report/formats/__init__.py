@@ -1,1 +1,1 @@
-"""A report in one format each: CSV, JSON, JUnit, LaTeX, Markdown; and the metrics' reference page."""
+"""A report in one format each: CSV, JSON, JUnit, LaTeX, Markdown."""

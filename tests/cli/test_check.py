@@ -66,6 +66,7 @@ def test_the_resolved_case_loads_to_the_same_case(tmp_path: Path) -> None:
     assert yaml.safe_load(only["resolved"]) == first
 
 
+@pytest.mark.campaign
 def test_both_methods_can_be_asked_at_once(tmp_path: Path, model: tuple[str, str]) -> None:
     done = rths("check", CASE, *model, "--method", "paper", "--method", "best", cwd=tmp_path)
     assert done.returncode == 0

@@ -66,6 +66,7 @@ TEXTS = {
 }
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("command", TEXTS)
 def test_a_text_goes_into_a_device(device: Path, command: str) -> None:
     done = rths(*TEXTS[command], str(device))
@@ -102,6 +103,7 @@ def test_standard_output_by_its_name_is_written_to() -> None:
     assert os.path.islink("/dev/stdout")
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("words", "kind"),
     [

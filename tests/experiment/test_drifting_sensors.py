@@ -233,6 +233,7 @@ def test_what_stood_in_for_lost_samples_accuses_no_healthy_sensor(
         assert (said == []) == healthy, said
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("name", "part", "value"),
     [

@@ -110,6 +110,7 @@ def test_the_response_is_read_or_computed_to_the_same_numbers(results: dict[str,
         assert one == pytest.approx(other, abs=3e-7 * abs(one).max())
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "series", ["essential", "none"])
 def test_figures_and_pages_say_what_is_not_kept(results: dict[str, Path], series: str, tmp_path: Path) -> None:
     said: list[str] = []

@@ -76,6 +76,7 @@ def laboratory(
     return setup, memory, path, played(setup, path, memory, "all")
 
 
+@pytest.mark.campaign
 def test_the_drift_of_a_laboratory_is_found_by_the_record(laboratory: tuple[Setup, Memory, Path, list[str]]) -> None:
     setup, _, path, said = laboratory
     assert [text for text in said if text.startswith("probe")] == 2 * ["probe of 25 s at 0.4 m/s^2 rms"]

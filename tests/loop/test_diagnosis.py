@@ -51,6 +51,7 @@ def test_without_a_limit_on_the_tracking_error_the_cause_is_named_all_the_same(k
     assert ("lower scaling" in ended.sentence) == (TABLE in FAILED[kind] or said[:5] in ("veloc", "the t"))
 
 
+@pytest.mark.campaign
 def test_a_fault_of_this_sample_leaves_table_and_sensor_apart() -> None:
     ended = faulty.performed("offset jumps", 2)
     assert ended.taken_over == ended.at

@@ -88,6 +88,7 @@ def test_the_points_are_what_the_step_commands_without_samples(dt_s: float, sour
     assert np.abs(commands - before).max() > 100 * run.info.converters.step_v
 
 
+@pytest.mark.campaign
 def test_the_drive_stands_still_after_the_last_row_of_the_record() -> None:
     drive = wave(2000, 1e-3, EXCITATION)
     run = played(1e-3, EXCITATION, drive)

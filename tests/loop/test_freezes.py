@@ -52,6 +52,7 @@ def test_a_target_that_froze_and_jumps_to_the_newest_command_costs_about_what_th
     assert np.abs(own).max() * run.limits.gain_m_per_v / run.limits.dt_s < 0.5  # but for the jump the target makes
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "length", [5, 11])
 def test_samples_after_a_jump_of_a_fast_table_are_not_taken_for_motion_of_the_building(
     fast: Freezing, length: int

@@ -90,6 +90,7 @@ def test_it_goes_smoothly_from_point_to_point_then_holds(door: Door, table: Tabl
     assert table.guard.motion[0] == pytest.approx(GAIN_M_PER_V * 0.9, rel=1e-14) and table.guard.motion[1] == 0.0
 
 
+@pytest.mark.campaign
 def test_the_way_to_rest_begins_with_the_velocity_it_has(door: Door, table: Table) -> None:
     command(door, table, 1.0, (1.1, 1.3), 1)
     held(door, table, 2)

@@ -87,6 +87,7 @@ def test_a_rehearsal_calls_it_in_every_step() -> None:
     assert model.k == round(0.02 / DT_S)
 
 
+@pytest.mark.campaign
 def test_a_model_starts_anew_in_each_run() -> None:
     blocks = linear_blocks()
     block = blocks.numerical.linearised()

@@ -155,6 +155,7 @@ def zeroed(path: Path) -> None:
     path.write_bytes(bytes(path.stat().st_size))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("damage", "suffix"),
     [(truncated, "nbc"), (zeroed, "nbc"), (Path.unlink, "nbc"), (truncated, "nbi"), (zeroed, "nbi")],
@@ -171,6 +172,7 @@ def test_damaged_code_is_compiled_again_and_kept(
     assert hello(damaged) == ["0", wanted[1]]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("at", ["*.lock", "*/*.nbi", "*/*.nbc"])
 def test_a_process_killed_while_it_compiles_leaves_nothing_wrong(
     made: tuple[Path, list[str]], tmp_path: Path, at: str

@@ -62,6 +62,7 @@ def printed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     return found
 
 
+@pytest.mark.campaign
 def test_offline_work_needs_neither_linux_nor_a_network(printed: dict[str, tuple[int, str]]) -> None:
     assert {name: told for name, told in printed.items() if told[0] != 0 and name not in HARDWARE} == {}
     assert "sim.h5" in printed["SIM alone"][1] and f"{CASE}.h5" in printed["EXP-RTHS"][1]

@@ -275,7 +275,7 @@ def _announcement() -> str:
     if folder is not None and any(folder.glob("*/*.nbi")):
         return "compiling real-time code that no command here has used yet, a few seconds more"
     why = f"; it is not kept: {_place()[1]}" if folder is None else ""
-    return f"first run of this version here: compiling its real-time code, about 20 s more in all{why}"
+    return f"first run of this version here: compiling its real-time code, 30 s to 70 s more in all{why}"
 
 
 class _Starts(event.Listener):

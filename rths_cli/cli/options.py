@@ -1,7 +1,4 @@
-"""Options and arguments that several commands share, and the names that a shell completes.
-
-`--set`, `--json`, `--method`, `--override`, `--yes`.
-"""
+"""Options and arguments that several commands share, and the names that a shell completes."""
 
 from __future__ import annotations
 

@@ -1,9 +1,7 @@
 """The interface between computed and experimental storeys, and what the design of an exchangeable part declares.
 
-`PartDesign`.
-
 A discrete `Block` is the design of a linear part. A nonlinear storey, an adaptive compensator or a model in another
-program declares the same, so that check, predictions and result file need to know no kind of part.
+program declares the same (`PartDesign`), so that check, predictions and result file need to know no kind of part.
 """
 
 from __future__ import annotations

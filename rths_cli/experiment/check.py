@@ -1,8 +1,8 @@
 """The check of one case, computed: building as identified, predicted error, verdict, tangents of laws, simulated
 test.
 
-They are indications: a loop that is stable at every frozen tangent may still diverge, and one that is not may end in a
-bounded vibration. The simulated test (experiment/check.py) is the evidence.
+Verdicts at tangents are indications: a loop that is stable at every frozen tangent may still diverge, and one that is
+not may end in a bounded vibration. The simulated test (experiment/check.py) is the evidence.
 
 The compiled step with its laws is played on the identified model (loop/identified_rig_run.py), several times: on a
 perfect table, on the identified one, then with one cause of errors after the other added. The reference is SIM of the

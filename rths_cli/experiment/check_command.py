@@ -15,7 +15,8 @@ floors are measured. Each filter of a list is judged by the check's predicted er
 specimen would cause that is off by its standard uncertainty: that of the identified stiffness, and its change between
 identification and test by `uncertainty.specimen` of the rig.
 
-Its loop is judged like that of the hybrid test, and so are its predicted peaks (analysis/stability_check.py).
+The loop of a shake-table test is judged like that of the hybrid test, and so are its predicted peaks
+(analysis/stability_check.py).
 """
 
 from __future__ import annotations

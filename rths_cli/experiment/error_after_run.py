@@ -6,8 +6,8 @@ is, of what sensors cannot show (the calibration's covariance), of pitch, and of
 run does not tell of its specimen. That one is fitted to the run's own table and floors; where it is another one than
 the identified, by more than both uncertainties and the level explain, it is the reference's.
 
-Put the measured motion of table and floors into the equations of the computed storeys: with the shear of the measured
-floors they should move as
+The error of the loop: put the measured motion of table and floors into the equations of the computed storeys: with the
+shear of the measured floors they should move as
 
     x = N(ground, F),    F = -(sum of masses times measured accelerations).
 

@@ -1,8 +1,9 @@
 """The planned excitation of a case's rig, and its check before it is played.
 
-Its command on the declared table is judged: no loop is closed in an excitation. The nominal gain gives displacement,
-with the room to brake, velocity and command. Acceleration and force depend on the table's response: the probe is
-limited by their nominal values and shows what the full level makes of them (identification/low_level_probe.py).
+An excitation's command on the declared table is judged: no loop is closed in an excitation. The nominal gain gives
+displacement, with the room to brake, velocity and command. Acceleration and force depend on the table's response: the
+probe is limited by their nominal values and shows what the full level makes of them
+(identification/low_level_probe.py).
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""The work of `rths identify`: measure or read measured files (`--data`), evaluate, write the model file.
-
-`rths identify --data FILE`; which channel is what.
-"""
+"""The work of `rths identify`: measure or read measured files (`--data`), evaluate, write the model file."""
 
 from __future__ import annotations
 

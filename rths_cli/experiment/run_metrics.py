@@ -1,7 +1,7 @@
 """Metrics of a run by their paths: errors, tracking, FEI, J1 to J9, energy error, error budget; the lowest
 frequency at which errors are evaluated.
 
-All are formed of accelerations, which every rig measures. docs/background/metrics.md defines each.
+All errors are formed of accelerations, which every rig measures. docs/background/metrics.md defines each.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """The true reference (SIM and SIM-DELAY of the declared numerical storeys below the specimen as it is), the errors
 that the check expected, and how certain a residual drift is.
 
-SIM and SIM-DELAY of the declared numerical storeys below the specimen as it is.
-
 Control answers for the error against it, the declaration of the specimen for the difference to the error against SIM of
 the building as declared. Only a simulated rig knows the specimen as it is: the virtual one, or one of a package that
 tells it (docs/decisions/errors_and_bands.md).

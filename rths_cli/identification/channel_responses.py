@@ -5,10 +5,10 @@ Channels are judged together: by the storeys' equations with free stiffness and 
 single faults that would explain a misfit (channel_fault_hypotheses.py). The command shows a reversal of all channels,
 which floors and table alone cannot show.
 
-Each fault is a change of the data (channels multiplied or exchanged) or of the masses. The storeys' equations are
-solved again with that change (chain_residual.py). A fault is reported only if the declared channels cannot be
-explained, the fault explains them, and it is large enough. Faults that explain the channels equally well are reported
-together.
+Each fault that is tried is a change of the data (channels multiplied or exchanged) or of the masses. The storeys'
+equations are solved again with that change (chain_residual.py). A fault is reported only if the declared channels
+cannot be explained, the fault explains them, and it is large enough. Faults that explain the channels equally well are
+reported together.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 (poles, zeros).
 
 Time or frequency is the last axis of every array. All quantities are SI.
-
-Modes of complex poles, driven by a series.
 """
 
 from __future__ import annotations

@@ -2,8 +2,6 @@
 
 To add one, declare it here and have `experiment.result_contents` write its values under this path. In a path `RUN`
 stands for a run on the table, `SOLUTION` for a computed one, `BLOCK` for a block of the step.
-
-Declarations of the columns of a raw log, the file of a run on a real rig (docs/reference/raw_log.md).
 """
 
 from __future__ import annotations

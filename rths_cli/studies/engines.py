@@ -4,8 +4,6 @@ process is told.
 All stand behind `concurrent.futures.Executor`. Threads and the process itself play runs that are made ready here;
 processes and Dask's workers make what they play themselves, from a few lines that say which rows. A row depends on its
 grid point and seed alone, so every engine gives the same.
-
-It has no file of the sweep.
 """
 
 from __future__ import annotations

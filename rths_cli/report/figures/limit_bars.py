@@ -1,7 +1,4 @@
-"""Figures of limits (peaks against the guard's, margins of the loop), of the error budget, and of step timing.
-
-RMS errors by cause.
-"""
+"""Figures of limits (peaks against the guard's, margins of the loop), of the error budget, and of step timing."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Colours, line styles, fonts, widths and resolution of all figures of results.
 
-Write one figure to the file that the user names: .png, .svg or .pdf by its suffix, whole or not at all.
+A figure of a command is written to the file that the user names: .png, .svg or .pdf by its suffix, whole or not at all.
 """
 
 from __future__ import annotations

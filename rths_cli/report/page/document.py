@@ -1,13 +1,4 @@
-"""The whole page: its sections in their order, embedded style, scripts and data.
-
-Section of one case: error by cause, latency, timing of its steps, every metric.
-
-Section of the identified table: measured and modelled frequency response as a chart, numbers as tables.
-
-Section of error tables: those of report/paper_tables.py, single_case_table.py and paper_claims.py as HTML.
-
-The sections of sweeps and studies in the page: figures, summary, the study and its case, origin.
-"""
+"""The whole page: its sections (cases, identified table, error tables, studies), embedded style, scripts and data."""
 
 from __future__ import annotations
 

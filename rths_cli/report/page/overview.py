@@ -1,7 +1,4 @@
-"""The first screen of the page: verdict, sketch of the building with its cut, and the table of its response.
-
-The head of the page: status, accept limits and origin of every result, and the commands to repeat it.
-"""
+"""The first screen of the page: status, limits and origin of results, verdict, sketch of the building, its response."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The runner's session with a UDP target: sockets, the file of the key, opening and closing.
-
-HELLO, WELCOME or REFUSAL, session key, agreed terms (docs/reference/udp.md).
-"""
+"""The runner's session with a UDP target: sockets, the file of the key, opening and closing."""
 
 from __future__ import annotations
 

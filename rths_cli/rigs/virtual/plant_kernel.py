@@ -1,12 +1,12 @@
 """Advance the virtual table over one sample interval, compiled: friction, clipping, laws of the specimen's storeys,
 sensors.
 
-The forces are further inputs of the plant's linear part, a parabola over each inner step like friction and clipping
-(`plant`). Their values at middle and end follow from drifts and rates there, and these from the forces: a fixed-point
-iteration solves both. A law follows its storey's drift from node to node, so that a path in between is taken for
-monotone. The order is four where a force is smooth; a step in which a law changes its branch errs in proportion to the
-square of the step. Equations: docs/background/storey_laws.md. The loop's computed storeys and SIM each have
-implementations of their own.
+The forces of laws are further inputs of the plant's linear part, a parabola over each inner step like friction and
+clipping (`plant`). Their values at middle and end follow from drifts and rates there, and these from the forces: a
+fixed-point iteration solves both. A law follows its storey's drift from node to node, so that a path in between is
+taken for monotone. The order is four where a force is smooth; a step in which a law changes its branch errs in
+proportion to the square of the step. Equations: docs/background/storey_laws.md. The loop's computed storeys and SIM
+each have implementations of their own.
 """
 
 from __future__ import annotations

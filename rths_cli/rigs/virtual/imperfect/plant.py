@@ -1,9 +1,7 @@
 """The imperfect table, compiled: equations of motion, what its channels sense, and the integration between the
 command's edges.
 
-Runge-Kutta steps of adaptive length between the command's edges.
-
-The method is that of Dormand and Prince (1980), of order five, with an embedded error estimate and the continuous
+The integration is that of Dormand and Prince (1980), of order five, with an embedded error estimate and the continuous
 extension of order four. A window of the plant reaches from half an interval after one nominal instant to half an
 interval after the next: command and samples of that instant may then come early and late. Without latency it reaches
 from one instant to the next: samples cannot come late, nor the command early.

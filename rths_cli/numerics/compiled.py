@@ -6,6 +6,10 @@ methods compiled code calls: `s.numerical.advance(...)` runs the method of whate
 decided when the caller is compiled. Arguments are arrays, int, float, bool and NamedTuples of these; a call releases
 the interpreter lock. Compiled code may not allocate memory or call Python: an entry passes its arrays through
 `borrowed` first, and `runtime_calls` shows a test what is left.
+
+An entry gets a NamedTuple as an address (`Packed`, of type `Reference`): compiled code reads the one field that it
+needs. numba's own tuples are values, which each function takes apart and puts together again, hundreds of numbers
+each; that took more than half of the time to compile.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ import os
 import platform
 import re
 import shutil
+import struct
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -28,9 +33,20 @@ import llvmlite.binding as llvm
 import numba
 import numpy as np
 from numba import types
+from llvmlite import ir
 from numba.core import cgutils, event, imputils
 from numba.core.errors import NumbaError
-from numba.extending import intrinsic, overload_method
+from numba.extending import (
+    NativeValue,
+    intrinsic,
+    lower_getattr_generic,
+    models,
+    overload_method,
+    register_model,
+    unbox,
+)
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.np.arrayobj import populate_array
 
 from rths_cli.errors import InputError
 from rths_cli.numerics.compiler_messages import tell
@@ -73,18 +89,15 @@ class Entry:
 
     def __call__(self, *arguments: object) -> Any:
         """Run the function; the first call with arguments of these types compiles it."""
-        return self._prepared(arguments)(*arguments)
+        return self.bind(*arguments)()
 
     def bind(self, *arguments: object) -> Callable[[], Any]:
         """Compile the function and return it without arguments: it runs on these, the same arrays every time."""
-        return partial(self._prepared(arguments), *arguments)
-
-    def _prepared(self, arguments: tuple[object, ...]) -> Any:
-        """Load or compile the code for arguments of these types: numba's dispatcher would not lock the cache."""
-        kind = _kind(arguments)
+        kind = _kind(arguments)  # numba's dispatcher would not lock the cache
+        passed = tuple(Packed(one) if hasattr(one, "_fields") else one for one in arguments)
         if kind not in self._ready:
-            self._ready[kind] = self._compiled(tuple(numba.typeof(argument) for argument in arguments))
-        return self._ready[kind]
+            self._ready[kind] = self._compiled(tuple(map(numba.typeof, passed)))
+        return partial(self._ready[kind], *passed)
 
     def _compiled(self, signature: tuple[Any, ...]) -> Any:
         if any(map(_from_outside, signature)):
@@ -103,6 +116,8 @@ class Entry:
 
 def _from_outside(kind: Any) -> bool:
     """Tell whether a type holds a class whose source the folder's name does not know, such as a user's own part."""
+    if isinstance(kind, Reference):
+        return _from_outside(kind.to)
     made = getattr(kind, "instance_class", None)
     if made is not None and not Path(inspect.getfile(made)).resolve().is_relative_to(PACKAGE):
         return True
@@ -195,11 +210,118 @@ def _offer(name: str, signature: inspect.Signature) -> None:
     """Have numba look for a method in the class of the NamedTuple that it is called on."""
 
     def of_class(*arguments: Any) -> Callable[..., Any] | None:
-        return getattr(arguments[0].instance_class, name, None)
+        kind = arguments[0]
+        return getattr(kind.to if isinstance(kind, Reference) else kind, "instance_class", None) and getattr(
+            (kind.to if isinstance(kind, Reference) else kind).instance_class, name, None)
 
     of_class.__signature__ = signature  # type: ignore[attr-defined]
-    for tuples in (types.NamedTuple, types.NamedUniTuple):
+    for tuples in (Reference, types.NamedTuple, types.NamedUniTuple):
         overload_method(tuples, name, jit_options=PART, strict=False)(of_class)
+
+
+class Reference(types.Type):
+    """numba's type of a NamedTuple that stands in memory as `Packed` puts it there."""
+
+    def __init__(self, to: Any) -> None:
+        self.to = to
+        super().__init__(f"Reference({to})")
+
+    @property
+    def key(self) -> Any:
+        return self.to
+
+
+class Packed:
+    """A NamedTuple for compiled code: eight bytes for each number, address, shape and strides of each array.
+
+    It keeps the arrays alive. Compiled code changes the elements of its arrays, and nothing else.
+    """
+
+    def __init__(self, value: tuple[object, ...]) -> None:
+        self.value = value
+        self.memory = np.frombuffer(b"".join(_bytes_of(value)) or bytes(8), dtype=np.int64)
+        self.address = self.memory.ctypes.data
+        self._numba_type_ = Reference(numba.typeof(value))
+
+
+def _bytes_of(value: object) -> Iterator[bytes]:
+    if isinstance(value, tuple):
+        for one in value:
+            yield from _bytes_of(one)
+    elif isinstance(value, np.ndarray):
+        yield struct.pack(f"={1 + 2 * value.ndim}q", value.ctypes.data, *value.shape, *value.strides)
+    else:
+        yield struct.pack("=d" if isinstance(value, float | np.floating) else "=q", value)
+
+
+def _places(kind: Any) -> int:
+    """Return the number of places of eight bytes that a value of a type takes."""
+    if isinstance(kind, types.BaseTuple):
+        return sum(map(_places, kind))
+    return 1 + 2 * kind.ndim if isinstance(kind, types.Array) else 1
+
+
+def _read(context: Any, builder: Any, kind: Any, place: Any) -> Any:
+    """Return the code that reads a value; what stands there does not change, so that it may be read once."""
+
+    def number(offset: int, of: Any) -> Any:
+        there = builder.bitcast(cgutils.gep_inbounds(builder, place, offset), of.as_pointer())
+        found = builder.load(there)
+        found.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return found
+
+    if isinstance(kind, types.BaseTuple):
+        items, offset = [], 0
+        for one in kind:
+            items.append(_read(context, builder, one, cgutils.gep_inbounds(builder, place, offset)))
+            offset += _places(one)
+        return context.make_tuple(builder, kind, items)
+    if isinstance(kind, types.Array):
+        array, size = context.make_array(kind)(context, builder), context.get_value_type(types.intp)
+        sizes = [number(1 + i, size) for i in range(2 * kind.ndim)]
+        item = context.get_data_type(kind.dtype)
+        populate_array(
+            array, data=number(0, item.as_pointer()), shape=sizes[: kind.ndim], strides=sizes[kind.ndim :],
+            itemsize=context.get_constant(types.intp, context.get_abi_sizeof(item)), meminfo=None,
+        )  # fmt: skip
+        return array._getvalue()
+    if isinstance(kind, types.Boolean):
+        return cgutils.is_not_null(builder, number(0, context.get_value_type(types.int64)))
+    return number(0, context.get_value_type(kind))
+
+
+@register_model(Reference)
+class _Address(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, dmm: Any, kind: Any) -> None:
+        super().__init__(dmm, kind, ir.IntType(64).as_pointer())
+
+
+@unbox(Reference)
+def _from_packed(kind: Any, value: Any, c: Any) -> Any:
+    held = c.pyapi.object_getattr_string(value, "address")
+    address = c.pyapi.long_as_longlong(held)
+    c.pyapi.decref(held)
+    return NativeValue(c.builder.inttoptr(address, ir.IntType(64).as_pointer()))
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):  # type: ignore[misc]
+    """Types of the fields of a Reference: a NamedTuple in it is a Reference again."""
+
+    key = Reference
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:
+        if name not in kind.to.fields:
+            return None
+        found = kind.to[kind.to.fields.index(name)]
+        return Reference(found) if hasattr(found, "fields") else found
+
+
+@lower_getattr_generic(Reference)
+def _field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
+    index = kind.to.fields.index(name)
+    found, place = kind.to[index], cgutils.gep_inbounds(builder, value, sum(map(_places, list(kind.to)[:index])))
+    return place if hasattr(found, "fields") else _read(context, builder, found, place)
 
 
 def _disowned(context: Any, builder: Any, kind: Any, value: Any) -> Any:

@@ -1,5 +1,5 @@
-"""The linear parts of the step (sensor correction, Kalman filter, feedforward, feedback) and the feedforward that
-counters dry friction."""
+"""The linear parts of the step: sensor correction, Kalman filter, feedforward (which may counter dry friction),
+feedback."""
 
 from __future__ import annotations
 
@@ -106,7 +106,8 @@ class KalmanFilter(NamedTuple):
 
 @part_class
 class LinearFeedforward(NamedTuple):
-    """Commands as a linear block of the desired motion."""
+    """Commands as a linear block of the desired motion; for one command, the command that counters friction at the
+    velocity to come is added."""
 
     # desired accelerations, velocities, displacements (3 i,), then corrected accelerations (c,) or nothing -> commands
     # in V (a,)
@@ -114,6 +115,10 @@ class LinearFeedforward(NamedTuple):
     logged: Array  # nothing
     axes: tuple[int, ...]  # (i,)
     actuators: tuple[int, ...]  # (a,)
+    friction_v: float = 0.0  # kappa; 0: friction is not countered
+    per_scale: float = 0.0  # 1 / v_s
+    linear_s_per_m: float = 0.0  # c
+    lead_s: float = 0.0
 
     def feed_forward(self, motion: Array, corrected: Array, sent: Array, command: Array) -> None:
         """Write the commands (a,) in V for the desired motion (3, i), as parts.Feedforward."""
@@ -126,6 +131,10 @@ class LinearFeedforward(NamedTuple):
         self.block.apply()
         for a in range(len(self.actuators)):
             command[a] = self.block.made[self.block.states + a]
+        if self.friction_v != 0.0:
+            velocity = motion[1, 0] + self.lead_s * motion[0, 0]
+            sign = math.tanh(velocity * self.per_scale)
+            command[0] += self.friction_v * (sign - self.linear_s_per_m * velocity)
 
 
 @part_class
@@ -224,28 +233,11 @@ def linear_feedback(block: Block, interface: Interface, room: Room) -> LinearFee
     return LinearFeedback(linear(block, room), told, NOTHING, interface.channels, interface.commands)
 
 
-@part_class
-class CompensatedFeedforward(NamedTuple):
-    """A linear feedforward of one command, and the command that counters friction at the velocity to come."""
-
-    inverse: LinearFeedforward
-    logged: Array  # nothing
-    command_v: float  # kappa
-    per_scale: float  # 1 / v_s
-    linear_s_per_m: float  # c
-    lead_s: float
-
-    def feed_forward(self, motion: Array, corrected: Array, sent: Array, command: Array) -> None:
-        """Write the command (1,) in V for the desired motion (3, 1), as parts.Feedforward."""
-        self.inverse.feed_forward(motion, corrected, sent, command)
-        velocity = motion[1, 0] + self.lead_s * motion[0, 0]
-        sign = math.tanh(velocity * self.per_scale)
-        command[0] += self.command_v * (sign - self.linear_s_per_m * velocity)
-
-
-def compensated_feedforward(design: FrictionFeedforward, interface: Interface, room: Room) -> CompensatedFeedforward:
+def compensated_feedforward(design: FrictionFeedforward, interface: Interface, room: Room) -> LinearFeedforward:
     """Return a feedforward that counters friction, at rest."""
-    made = linear_feedforward(design.block, interface, room)
-    return CompensatedFeedforward(
-        made, made.logged, design.command_v, 1.0 / design.scale_m_s, design.linear_s_per_m, design.lead_s
+    return linear_feedforward(design.block, interface, room)._replace(
+        friction_v=design.command_v,
+        per_scale=1.0 / design.scale_m_s,
+        linear_s_per_m=design.linear_s_per_m,
+        lead_s=design.lead_s,
     )

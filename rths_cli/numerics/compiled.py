@@ -32,10 +32,11 @@ import llvmlite
 import llvmlite.binding as llvm
 import numba
 import numpy as np
-from numba import types
 from llvmlite import ir
+from numba import types
 from numba.core import cgutils, event, imputils
 from numba.core.errors import NumbaError
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import (
     NativeValue,
     intrinsic,
@@ -45,7 +46,6 @@ from numba.extending import (
     register_model,
     unbox,
 )
-from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.np.arrayobj import populate_array
 
 from rths_cli.errors import InputError
@@ -73,6 +73,8 @@ FUNCTION = re.compile(r"^define [^@\n]*@\"?(?!_ZN7cpython|cfunc\.|NRT_).*?^}", r
 RUNTIME_CALL = re.compile(r"(?:call|invoke) [^@\n]*@\"?((?:NRT|Py|numba)_\w+|Py[A-Z]\w+)")
 _METHODS: dict[str, inspect.Signature] = {}
 
+if "NUMBA_OPT" not in os.environ:  # one round of LLVM's passes: more take longer and make the step no faster
+    numba.config.OPT = type(numba.config.OPT)(1)
 numba.config.SLP_VECTORIZE = 1  # four rows of a block in one instruction
 numba.config.LOOP_VECTORIZE = 0  # our loops are too short for more: it cost a sixth of the step
 llvm.set_option("", "-unroll-runtime=0")  # nor do they reach code for eight rounds at once, a fifth of the step
@@ -94,7 +96,7 @@ class Entry:
     def bind(self, *arguments: object) -> Callable[[], Any]:
         """Compile the function and return it without arguments: it runs on these, the same arrays every time."""
         kind = _kind(arguments)  # numba's dispatcher would not lock the cache
-        passed = tuple(Packed(one) if hasattr(one, "_fields") else one for one in arguments)
+        passed = tuple(map(_passed, arguments))
         if kind not in self._ready:
             self._ready[kind] = self._compiled(tuple(map(numba.typeof, passed)))
         return partial(self._ready[kind], *passed)
@@ -210,9 +212,8 @@ def _offer(name: str, signature: inspect.Signature) -> None:
     """Have numba look for a method in the class of the NamedTuple that it is called on."""
 
     def of_class(*arguments: Any) -> Callable[..., Any] | None:
-        kind = arguments[0]
-        return getattr(kind.to if isinstance(kind, Reference) else kind, "instance_class", None) and getattr(
-            (kind.to if isinstance(kind, Reference) else kind).instance_class, name, None)
+        kind = arguments[0].to if isinstance(arguments[0], Reference) else arguments[0]
+        return getattr(kind.instance_class, name, None)
 
     of_class.__signature__ = signature  # type: ignore[attr-defined]
     for tuples in (Reference, types.NamedTuple, types.NamedUniTuple):
@@ -224,10 +225,12 @@ class Reference(types.Type):
 
     def __init__(self, to: Any) -> None:
         self.to = to
-        super().__init__(f"Reference({to})")
+        digest = hashlib.sha256(str(to).encode()).hexdigest()[:12]  # a short name, which LLVM reads in each call
+        super().__init__(f"Reference({to.instance_class.__name__}#{digest})")
 
     @property
     def key(self) -> Any:
+        """Return what tells two types apart."""
         return self.to
 
 
@@ -242,6 +245,11 @@ class Packed:
         self.memory = np.frombuffer(b"".join(_bytes_of(value)) or bytes(8), dtype=np.int64)
         self.address = self.memory.ctypes.data
         self._numba_type_ = Reference(numba.typeof(value))
+
+
+def _passed(value: object) -> object:
+    """Return a value as an entry takes it."""
+    return Packed(value) if isinstance(value, tuple) and hasattr(value, "_fields") else value
 
 
 def _bytes_of(value: object) -> Iterator[bytes]:

@@ -54,8 +54,8 @@ def test_a_shipped_case_is_the_one_of_c(library: ctypes.CDLL, memory: Memory, ca
     inputs = step_run.inputs(setup, blocks)
     ours, theirs, done = played(library, inputs)
     forward = ours.step.feedforward
-    assert done == len(inputs.drive) and forward.command_v > 0.0
-    assert forward.inverse.block.given.size == forward.inverse.block.states + 3 + len(setup.rig.channels)
+    assert done == len(inputs.drive) and forward.friction_v > 0.0
+    assert forward.block.given.size == forward.block.states + 3 + len(setup.rig.channels)
     assert np.array_equal(ours.signals.command_v, theirs.signals.command_v)
 
 

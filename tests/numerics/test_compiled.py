@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 import every_entry
 import numba
@@ -18,6 +19,7 @@ import numpy as np
 import pytest
 from forked_programs import Program
 from numba.core.errors import NumbaError
+from numpy.typing import NDArray
 
 import rths_cli
 from rths_cli.numerics import compiled
@@ -238,7 +240,7 @@ class Foreign(NamedTuple):
 
 @kept_part
 def doubled(value):
-    return 2.0 * value[0]
+    return 2.0 * value.value
 
 @entry
 def one(value):
@@ -400,6 +402,39 @@ def test_what_is_bound_lives_as_long_as_the_function() -> None:
     bound = total.bind(np.full(200_000, 0.5))
     others = [np.zeros(200_000) for _ in range(20)]
     assert bound() == 100_000.0 and len(others) == 20
+
+
+class Inner(NamedTuple):
+    yes: bool
+    turned: Array  # a view that is not contiguous
+    pair: tuple[int, float]
+
+
+class Outer(NamedTuple):
+    count: int
+    cube: Array
+    inner: Inner
+    no: bool
+    words: NDArray[np.int32]
+    last: float
+
+
+@entry
+def read_out(outer: Outer, into: Array) -> None:
+    inner = outer.inner
+    into[0], into[1], into[2] = outer.count, outer.cube[1, 2, 3], 1.0 if inner.yes else 0.0
+    into[3], into[4], into[5] = inner.turned[2, 0], inner.pair[0], inner.pair[1]
+    into[6], into[7], into[8] = 1.0 if outer.no else 0.0, outer.words[1], outer.last
+    into[9] = outer.cube.shape[2] + 10 * len(inner.turned) + 100 * outer.words.size
+    inner.turned[1, 1] = -1.0
+
+
+def test_every_field_of_a_tuple_is_read_where_it_stands_and_its_arrays_are_the_callers() -> None:
+    cube, square, into = np.arange(24.0).reshape(2, 3, 4), np.arange(12.0).reshape(3, 4), np.zeros(10)
+    inner = Inner(True, square.T, (7, 0.25))
+    read_out(Outer(3, cube, inner, False, np.array([5, 6], dtype=np.int32), -0.5), into)
+    assert into.tolist() == [3.0, 23.0, 1.0, square[0, 2], 7.0, 0.25, 0.0, 6.0, -0.5, 4 + 40 + 200]
+    assert square[1, 1] == -1.0
 
 
 def greedy(n: int) -> float:

@@ -20,8 +20,7 @@ typedef struct { Array matrix, given; } Channels;
 typedef struct { Array matrix, given, made; int64_t states, floors; } OpenLoop; /* given and made twice, row by row */
 typedef struct { Linear block; Array corrected, estimated; int64_t axes[AXES], floors; } KalmanFilter;
 typedef struct { Array turn, drive, outputs, through, direct, state, made, logged; int64_t axes[AXES]; } Modal;
-typedef struct { Linear block; Array logged; int64_t axes[AXES], actuators[ACTUATORS]; } LinearFeedforward;
-typedef struct { LinearFeedforward inverse; Array logged; double command_v, per_scale, linear_s_per_m, lead_s; } CompensatedFeedforward;
+typedef struct { Linear block; Array logged; int64_t axes[AXES], actuators[ACTUATORS]; double friction_v, per_scale, linear_s_per_m, lead_s; } LinearFeedforward;
 typedef struct { Linear block; Array shortfall, logged; int64_t axes[AXES], actuators[ACTUATORS]; } LinearFeedback;
 typedef struct {
   int64_t source;
@@ -30,7 +29,7 @@ typedef struct {
   Channels correction;
   KalmanFilter observer;
   Modal numerical;
-  CompensatedFeedforward feedforward;
+  LinearFeedforward feedforward;
   LinearFeedback feedback;
   OpenLoop open_loop;
   Array force_recent, force_returned;
@@ -167,13 +166,13 @@ INLINE double shape(const Step *s, int64_t a, double command) {
 }
 
 /* what counters dry friction at the velocity to come */
-INLINE double against_friction(const CompensatedFeedforward *f, const double *motion) {
+INLINE double against_friction(const LinearFeedforward *f, const double *motion) {
   const double velocity = motion[AXES] + f->lead_s * motion[0];
-  return f->command_v * (tanh(velocity * f->per_scale) - f->linear_s_per_m * velocity);
+  return f->friction_v * (tanh(velocity * f->per_scale) - f->linear_s_per_m * velocity);
 }
 
 INLINE void compensate(const Step *s) {
-  const Linear *f = &s->feedforward.inverse.block, *b = &s->feedback.block;
+  const Linear *f = &s->feedforward.block, *b = &s->feedback.block;
   const int64_t motions = 3 * AXES, commands = ACTUATORS, told = f->given.shape[0] - f->states - motions;
   for (int64_t i = 0; i < motions; i++) f->given.at[f->states + i] = s->motion.at[i];
   for (int64_t c = 0; c < told; c++) f->given.at[f->states + motions + c] = s->corrected.at[c]; /* the specimen's reaction */

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from campaigns.step_run import Inputs, State
-from rths_cli.loop.linear_parts import CompensatedFeedforward, LinearFeedforward
 
 SOURCE = Path(__file__).parent / "step.c"
 OPTIONS = ("-O3", "-march=native", "-fPIC", "-shared")
@@ -58,14 +57,6 @@ def in_c(value: Any) -> Any:
     return ctypes.c_int64(int(value)) if isinstance(value, int | np.integer) else ctypes.c_double(value)
 
 
-def _with_friction(state: State) -> NamedTuple:
-    """Return the step as step.c knows it: a linear feedforward is one that counters no friction."""
-    forward = state.step.feedforward
-    if isinstance(forward, LinearFeedforward):
-        forward = CompensatedFeedforward(forward, forward.logged, 0.0, 0.0, 0.0, 0.0)
-    return state.step._replace(feedforward=forward)
-
-
 def bound(library: ctypes.CDLL, given: Inputs, state: State) -> Callable[[], int]:
     """Return a function that plays the run in C on these arrays and returns the number of steps done.
 
@@ -74,7 +65,7 @@ def bound(library: ctypes.CDLL, given: Inputs, state: State) -> Callable[[], int
     tuples: tuple[NamedTuple, ...] = (
         given.plant,
         state.table,
-        _with_friction(state),
+        state.step,
         given.limits,
         state.guard,
         state.log,

@@ -20,6 +20,7 @@ MODELS: dict[str, Any] = {
     "study": StudyKeys,
 }
 EXTENDS = {"type": "object", "required": ["extends"]}
+EXTENDS_CASE = "the case, a name or a path, whose keys hold where this one states none; it lends no name"
 NAME = {"type": "string", "minLength": 1, "description": "a name or a path"}
 
 
@@ -33,6 +34,7 @@ def schema(kind: str = "case") -> dict[str, Any]:
             _allow_name(definitions[rig.__name__]["properties"], "calibration")
     if kind == "case":
         _allow_names(generated, definitions)
+        generated = _with_other_case(generated)
     elif kind == "structure":
         generated = _with_extends(generated, definitions)
     elif kind == "rig":
@@ -73,6 +75,13 @@ def _allow_names(case: dict[str, Any], definitions: dict[str, Any]) -> None:
         told = properties[key].pop("description")
         properties[key] = {"anyOf": either, "description": told}
     case["required"] = [key for key in case["required"] if key not in ("name", "table")]
+
+
+def _with_other_case(case: dict[str, Any]) -> dict[str, Any]:
+    """Let a case extend another one: it then requires no key."""
+    required = case.pop("required")
+    case["properties"] = {"extends": {**NAME, "description": EXTENDS_CASE}, **case["properties"]}
+    return {**case, "if": EXTENDS, "else": {"required": required}}
 
 
 def _any_rig(definitions: dict[str, Any]) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from rths_cli.case.resolve import (
     apply_settings,
     expand_case,
     expand_file,
+    extended_case,
     read_settings,
 )
 from rths_cli.case.rig_schema import AnyRig, RigSpec
@@ -107,8 +108,9 @@ def _plain(word: str) -> str:
 
 
 __all__ = [
-    "PlacedSettings", "WrittenCase", "load_all", "load_cases", "load_reference", "load_rig", "load_structure",
-    "load_study", "load_written", "read_case", "resolved_yaml", "schema", "study_file", "written_case",
+    "PlacedSettings", "WrittenCase", "load_all", "load_cases", "load_each", "load_reference", "load_rig",
+    "load_structure", "load_study", "load_written", "read_case", "resolved_yaml", "schema", "study_file",
+    "written_case",
 ]  # fmt: skip
 
 
@@ -155,7 +157,8 @@ def written_case(text: str, path: Path) -> WrittenCase:
     tree, faults = parse(text, Source(display(path), path.parent, path))
     if tree is None or not isinstance(tree.value, dict):
         raise InputError(*(map(str, faults) if faults else (f"{display(path)}: must hold the keys of a case",)))
-    return WrittenCase(path, text, tree, tuple(faults))
+    whole, more = extended_case(tree, path)
+    return WrittenCase(path, text, whole, (*faults, *more))
 
 
 @dataclass(frozen=True)
@@ -216,6 +219,35 @@ def load_all(paths: Sequence[Given], settings: Sequence[str], methods: Sequence[
         chosen = (f"method={method}",) if method else ()
         cases += load_cases(paths, (*settings, *chosen))
     return cases
+
+
+def load_each(
+    names: Sequence[str], settings: Sequence[str], methods: Sequence[str]
+) -> tuple[list[Case], dict[str, InputError]]:
+    """Return the cases that can be used, as `load_all`, and why each other one cannot, by the name of its file.
+
+    Raises InputError where the settings themselves are wrong, or no case can be used.
+    """
+    _, faults = read_settings(settings)
+    if faults:
+        raise InputError(*dict.fromkeys(map(str, faults)))
+    usable: list[str] = []
+    refused: dict[str, InputError] = {}
+    taken: dict[str, str] = {}
+    for name in names:
+        try:
+            case = load_cases([name], settings)[0]
+        except InputError as error:
+            refused[name] = error
+            continue
+        other = taken.setdefault(case.name, name)
+        if other != name:
+            refused[name] = InputError(f"{name}: {case.name!r} is also the name of {other}; give each its own name")
+            continue
+        usable.append(name)
+    if not usable:
+        raise InputError(*dict.fromkeys(fault for error in refused.values() for fault in error.faults))
+    return load_all(usable, settings, methods), refused
 
 
 def load_structure(name: str) -> tuple[StructureSpec, tuple[DampingSpec, ...], Path, ScaleSpec | None]:
@@ -310,7 +342,8 @@ def _read(path: Given) -> tuple[WrittenCase | None, list[Fault]]:
         found_in = "is empty; write" if tree.value is None else "must hold"
         message = f"{found_in} the keys of a case, at least structure, damping, record, scaling and controller"
         return None, [*faults, Fault(tree.mark, "", message)]
-    return WrittenCase(found, text, tree, tuple(faults)), []
+    whole, more = extended_case(tree, found)
+    return WrittenCase(found, text, whole, (*faults, *more)), []
 
 
 def _read_mapping(keys: Mapping[str, Any]) -> tuple[WrittenCase | None, list[Fault]]:
@@ -323,13 +356,17 @@ def _read_mapping(keys: Mapping[str, Any]) -> tuple[WrittenCase | None, list[Fau
     tree, faults = parse(text, source)
     if tree is None or not isinstance(tree.value, dict):
         return None, faults or [Fault(Mark(source), "", "must hold the keys of a case")]
-    return WrittenCase(Path.cwd() / f"{keys.get('name') or 'case'}.yaml", text, tree, tuple(faults)), []
+    path = Path.cwd() / f"{keys.get('name') or 'case'}.yaml"
+    whole, more = extended_case(tree, path)
+    return WrittenCase(path, text, whole, (*faults, *more)), []
 
 
 def _checked(written: WrittenCase, settings: Sequence[Setting]) -> tuple[Case | None, list[Fault]]:
     """Return a written case with settings put in, None with its faults."""
     tree = apply_settings(written.tree, settings)
     expanded, more, lost = expand_case(tree, written.path.stem)
+    if any(fault.key == "extends" for fault in written.faults):  # nobody knows what the other case states
+        lost |= set(CaseKeys.model_fields) - set(tree.children)
     case, wrong = _validate(expanded, lost, written.path, written.text, tree)
     unread = {fault.mark for fault in written.faults if fault.mark.line}
     wrong = [fault for fault in wrong if fault.mark not in unread]

@@ -6,7 +6,8 @@ import contextlib
 import difflib
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from glob import glob, has_magic
 from pathlib import Path
 
 from rths_cli.case.shipped_files import FOLDERS, shipped
@@ -33,6 +34,8 @@ TELLING = {
     "studies": ("case", "axes", "samples", "correlations", "constraints"),
 }
 """Top-level keys by which a YAML file is recognised; no other kind of file has them."""
+MOST_EXTENDED = 8  # files that extend one another are followed so far to see of which kind they are
+EXTENDING = ("cases", "rigs", "structures")  # kinds whose files may extend another one
 KEY_IN_CASE = {"structures": "structure", "rigs": "table", "references": "reference", "records": "record"}
 HDF5 = b"\x89HDF\r\n\x1a\n"
 MARKED = 1 << 16  # bytes in which an HDF5 file states its format
@@ -50,12 +53,23 @@ def kind_of(path: Path) -> str | None:
 
 
 def kind_of_tree(tree: Node) -> str:
-    """Return the kind of a YAML document, the one with most of its keys; "" if it has none of TELLING."""
-    counts = {kind: sum(key in tree.children for key in keys) for kind, keys in TELLING.items()}
-    kind = max(counts, key=lambda kind: counts[kind])
-    if not counts[kind] and {"extends", "limits"} <= set(tree.children):
-        return "rigs"  # a case has limits too, but extends nothing
-    return kind if counts[kind] else ""
+    """Return the kind of a YAML document, the one with most of its keys, or without one that of what it extends; "" if
+    neither tells."""
+    for _ in range(MOST_EXTENDED):
+        counts = {kind: sum(key in tree.children for key in keys) for kind, keys in TELLING.items()}
+        kind = max(counts, key=lambda kind: counts[kind])
+        if counts[kind]:
+            return kind
+        base, source = tree.children.get("extends"), tree.mark.source
+        if base is None or not isinstance(base.value, str):
+            return ""
+        there = (path for kind in EXTENDING for path in _candidates(base.value, kind, source.folder))
+        path = next((path for path in there if path.is_file() and not _same(path, source.path)), None)
+        below = None if path is None else read_file(path)[1]
+        if below is None:
+            return ""
+        tree = below
+    return ""
 
 
 def is_record(path: Path) -> bool:
@@ -118,6 +132,28 @@ def find(name: str, kind: str, folder: Path, exclude: Path | None = None) -> Pat
         if os.path.isfile(candidate) and not _same(candidate, exclude):
             return candidate
     raise InputError(_missing(name, kind, folder))
+
+
+def case_files(names: Sequence[str]) -> list[str]:
+    """Return the cases that names on the command line stand for: a folder for all in it, a pattern for all that it
+    matches; anything else is left to the reader.
+
+    In a folder a file without keys that tell its kind counts as a case, to be refused by its own fault. Raises
+    InputError for a folder or a pattern without any.
+    """
+    found: list[str] = []
+    for name in names:
+        if os.path.isdir(name):
+            inside = (path for path in sorted(Path(name).iterdir()) if path.suffix in YAML and path.is_file())
+            cases = [str(path) for path in inside if kind_of(path) in ("cases", "", None)]
+        elif has_magic(name) and not os.path.exists(name):
+            cases = sorted(path for path in glob(os.path.expanduser(name)) if os.path.isfile(path))
+        else:
+            cases = [name]
+        if not cases:
+            raise InputError(f"{name}: holds no case file (.yaml, .yml); rths new writes one to start from")
+        found += cases
+    return list(dict.fromkeys(found))
 
 
 def known(kind: str, folder: Path) -> list[str]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from rths_cli.case.case_schema import TEST_BAND_RANGE, CaseKeys, IdentificationSpec, KalmanSpec
 from rths_cli.case.field_types import near
-from rths_cli.case.named_files import find
+from rths_cli.case.named_files import find, kind_of_tree, no_case
 from rths_cli.case.real_rig_overrides import is_real, made_real, over_real_rig, set_inside
 from rths_cli.case.yaml_reader import Fault, Mark, Node, Source, display, parse, plain, printable, read_file
 from rths_cli.errors import InputError
@@ -143,6 +143,62 @@ def apply_settings(tree: Node, settings: Iterable[Setting]) -> Node:
     for keys, value in settings:
         tree = _put(tree, keys, value)
     return tree
+
+
+def extended_case(tree: Node, path: Path) -> tuple[Node, list[Fault]]:
+    """Return the document of a case with the case merged into it that it extends (`extends: NAME`), and the faults.
+
+    It keeps its own name, or that of its file. A key below `structure`, `table`, `record` or `controller` varies what
+    the other case names there; one that names something itself takes its place.
+    """
+    faults: list[Fault] = []
+    return _extended(tree, faults, (path.resolve(),)), faults
+
+
+def _extended(tree: Node, faults: list[Fault], trail: tuple[Path, ...]) -> Node:
+    node = tree.children.get("extends")
+    if node is None:
+        return tree
+    own = replace(tree, value={key: child for key, child in tree.children.items() if key != "extends"})
+    base = _case_named(node, faults, trail)
+    if base is None:
+        return own
+    below = {key: child for key, child in base.children.items() if key != "name"}
+    for key, short in SHORT_FORMS.items():
+        over = own.children.get(key)
+        if over is None:
+            continue
+        if isinstance(over.value, dict) and not {short, "kind"} & set(over.children):
+            varied = below.get(key) or (Node(DEFAULT_RIG, base.mark) if key == "table" else None)
+            below |= {key: _long_form(varied, short)} if varied else {}
+        else:  # it names another one
+            below.pop(key, None)
+    return merge(replace(base, value=below), own)
+
+
+def _case_named(node: Node, faults: list[Fault], trail: tuple[Path, ...]) -> Node | None:
+    """Return the document of the case that a node names, whole; None when there is none."""
+    if not isinstance(node.value, str):
+        faults.append(Fault(node.mark, "extends", "must be the name or the path of a case"))
+        return None
+    try:
+        path = find(node.value, "cases", node.mark.source.folder, node.mark.source.path).resolve()
+    except InputError as error:
+        faults.append(Fault(node.mark, "extends", str(error)))
+        return None
+    if path in trail:
+        names = " -> ".join(step.stem for step in (*trail, path))
+        faults.append(Fault(node.mark, "extends", f"goes round in a circle: {names}; remove one extends"))
+        return None
+    _, tree, found = read_file(path)
+    faults += found
+    kind = "" if tree is None else kind_of_tree(tree)
+    if tree is None or not isinstance(tree.value, dict) or kind not in ("", "cases"):
+        if not found:
+            what = no_case(kind, node.value) if kind else "holds no keys of a case"
+            faults.append(Fault(node.mark, "extends", f"{display(path)} {what}"))
+        return None
+    return _extended(tree, faults, (*trail, path))
 
 
 def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:

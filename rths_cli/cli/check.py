@@ -32,13 +32,14 @@ def check(
 ) -> int:
     """Predict stability, table limits and error of a hybrid test: safe, unsafe or unstable. Nothing moves.
 
-    Exit code 0: all are safe; 1: one is not.
+    CASE is a name, a file, a folder or a pattern. Exit code 0: all are safe; 1: one is not.
 
     Example: rths check el_centro_low_ff_fb
     """
     from rths_cli.case.load import load_all
+    from rths_cli.case.named_files import case_files
 
-    loaded = load_all(cases, settings, tuple(dict.fromkeys(methods)))
+    loaded = load_all(case_files(cases), settings, tuple(dict.fromkeys(methods)))
     if resolved:
         _show_resolved(loaded, as_json)
         return 0

@@ -25,6 +25,7 @@ from rths_cli.cli.terminal import new_screen, page_width, show_page
 
 if TYPE_CHECKING:
     from rths_cli.cli.terminal import Screen
+    from rths_cli.errors import InputError
     from rths_cli.experiment.run_case import Ended
     from rths_cli.files.result_reader import Result
     from rths_cli.studies.row_of_sweep import SweptRow
@@ -62,6 +63,12 @@ class Wanted(NamedTuple):
     ["check", "model"],
     "Run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
 )
+@click.option(
+    "--keep-going",
+    is_flag=True,
+    help="Run the other cases where one cannot be used: it is one that failed, and the exit code tells.",
+)
+@click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="At most N cases at a time; on a real rig one.")
 @yes_option
 @click.option("--fresh", is_flag=True, help="Identify anew; use no model of a virtual rig kept from earlier runs.")
 @settings_option
@@ -78,22 +85,32 @@ def run(
     sweep: Path | None,
     row: int | None,
     overrides: tuple[str, ...],
+    keep_going: bool,
+    jobs: int | None,
     yes: bool,
     fresh: bool,
     settings: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Run cases and print the answer; one result file per case. One case with a reference has its tables, too.
+    """Run cases and print the answer; one result file per case. CASE is a name, a file, a folder or a pattern.
+
+    One case with a reference has its tables, too.
 
     Example: rths run el_centro_low_ff_fb --set scaling=0.2
     """
-    from rths_cli.case.load import load_all
+    from rths_cli.case.load import load_all, load_each
+    from rths_cli.case.named_files import case_files
 
     chosen = tuple(dict.fromkeys(methods))
     swept = _row(cases, sweep, row, chosen, settings)
-    loaded = (
-        [swept.case] if swept else load_all(cases, settings, chosen)
-    )  # a fault in them is told before the numerical libraries are imported
+    files = case_files(cases)
+    refused: dict[str, InputError] = {}
+    if swept:  # a fault in a case is told before the numerical libraries are imported
+        loaded = [swept.case]
+    elif keep_going:
+        loaded, refused = load_each(files, settings, chosen)
+    else:
+        loaded = load_all(files, settings, chosen)
     from rths_cli.experiment.run_command import Request, exit_code, run_batch
 
     if junit:
@@ -112,6 +129,9 @@ def run(
         yes=yes,
         series=series,
         session_seed=swept.session_seed if swept else None,
+        keep_going=keep_going,
+        refused=tuple((name, "; ".join(error.faults)) for name, error in refused.items()),
+        at_once=jobs,
     )
     ended = run_batch(request, screen)
     _show_results(ended, as_json, junit, Wanted(full, quiet))
@@ -169,7 +189,9 @@ def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None, wan
         from rths_cli.report.formats.junit import junit as as_junit
         from rths_cli.report.report_options import write_text
 
-        write_text(junit, as_junit(results, failed=[(one.name, one.reason) for one in ended if one.path is None]))
+        failed = [(one.name, one.reason) for one in ended if one.path is None]
+        seconds = {one.path: one.seconds for one in ended if one.path}
+        write_text(junit, as_junit(results, failed=failed, seconds=seconds))
     if as_json:
         from rths_cli.report.result_tables import to_json
 

@@ -243,6 +243,7 @@ class Ended:
     exit_code: int
     warnings: tuple[str, ...] = ()  # one sentence each
     replaced: bool = False  # whether a result file of the same name was replaced
+    seconds: float = 0.0  # that it took
 
 
 def prepare_all(
@@ -251,8 +252,13 @@ def prepare_all(
 ) -> list[Setup]:  # fmt: skip
     """Read and check all cases completely before the first one starts; raises InputError with all faults."""
     setups = make_setups(cases, overrides, shared, parts, samples)
-    try_folder(output, sum(_bytes(setup, series) for setup in setups))
+    prepare_folder(setups, output, series)
     return setups
+
+
+def prepare_folder(setups: Sequence[Setup], output: Path, series: str) -> None:
+    """Raise InputError unless the files of all cases can be written to a folder, and have room there."""
+    try_folder(output, sum(_bytes(setup, series) for setup in setups))
 
 
 def _bytes(setup: Setup, series: str) -> int:

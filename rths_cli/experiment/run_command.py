@@ -27,7 +27,7 @@ from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.real_rig_readiness import ask_to_move
-from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, run_case, worst_code
+from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, prepare_folder, run_case, worst_code
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup
 from rths_cli.experiment.unit_plausibility import before_error
 from rths_cli.files.durable_files import claimed, further_names, taken_sentence
@@ -108,22 +108,45 @@ class Request:
     yes: bool = False  # whether a rig with `unattended: true` moves without a question
     session_seed: int | None = None  # of the session of the table runs; None: each case's own seed
     series: str = "all"  # that the result files keep, one of `KEPT_SERIES`
+    keep_going: bool = False  # whether a case that cannot be used is a failed one instead of an InputError for all
+    refused: tuple[tuple[str, str], ...] = ()  # files that hold no case to be used, and why
+    at_once: int | None = None  # largest number of cases that run in parallel; None: as many as are of use
 
 
-def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
-    """Check every case completely, and return each with its result file; nothing is written.
+def plan(request: Request, memory: Memory, shared: SharedValues) -> tuple[list[Job], list[Ended]]:
+    """Check every case completely, and return each with its result file, and those that cannot be used where the
+    request keeps going; nothing is written.
 
     Raises InputError if a case or a model file has faults, or a result file must not be replaced.
     """
+    if not request.keep_going:
+        return _planned(request, request.cases, memory, shared), []
+    jobs: list[Job] = []
+    unusable = [Ended(Path(file).stem, None, "failed", why, 2) for file, why in request.refused]
+    for case in request.cases:
+        try:
+            jobs += _planned(replace(request, methods=()), [case], memory, shared, len(request.methods) > 1)
+        except InputError as error:
+            unusable.append(Ended(case.name, None, "failed", "; ".join(error.faults), 2))
+    if not jobs:
+        raise InputError(*(one.reason for one in unusable))
+    prepare_folder([setup for setup, _ in jobs], request.output, request.series)
+    return jobs, unusable
+
+
+def _planned(
+    request: Request, all_cases: Sequence[Case], memory: Memory, shared: SharedValues, named: bool = False
+) -> list[Job]:
+    """Return cases with their result files; `named`: the files are named after the methods, too."""
     jobs: list[Job] = []
     for method in request.methods or ("",):
-        cases = [case for case in request.cases if method in ("", case.method)]
-        suffix = f"-{method}" if len(request.methods) > 1 else ""
+        cases = [case for case in all_cases if method in ("", case.method)]
         setups = prepare_all(
             cases, request.output, request.overrides, shared, request.parts, request.samples, request.series
         )
         setups = [replace(setup, session_seed=request.session_seed) for setup in setups]
-        jobs += [(setup, request.output / f"{setup.case.name}{suffix}{_when(setup)}.h5") for setup in setups]
+        named = named or len(request.methods) > 1
+        jobs += [(setup, request.output / _file_of(setup, named)) for setup in setups]
     if request.series != "all" and (real := [setup for setup, _ in jobs if setup.rig.can.moves_hardware]):
         raise InputError(
             f"--series {request.series}: rig {real[0].rig.name} is real, whose runs keep all; leave it out"
@@ -135,24 +158,33 @@ def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
     return jobs
 
 
+def _file_of(setup: Setup, named: bool) -> str:
+    """Return the name of a case's result file."""
+    return f"{setup.case.name}{f'-{setup.case.method}' if named else ''}{_when(setup)}.h5"
+
+
 def _when(setup: Setup) -> str:
     """Return the time (UTC) for the name of a real rig's result, which is never replaced; "" for a virtual rig."""
     return datetime.now(UTC).strftime("-%Y%m%dT%H%M%SZ") if setup.rig.can.moves_hardware else ""
 
 
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
-    """Run every case of a request, up to two at a time on virtual rigs, and return how each one ended.
+    """Run every case of a request, several at a time on virtual rigs, and return how each one ended, first those that
+    cannot be used.
 
     If a case fails, the others are still run. On a real rig, the batch stops after an exit code above 1. Raises
     InputError if a case cannot be used or a real rig may not move.
     """
     keep_freed_memory()
     memory, shared = Memory(Cache(request.fresh)), SharedValues()
-    planned = plan(request, memory, shared)
+    planned, unusable = plan(request, memory, shared)
+    for number, ended in enumerate(unusable, 1):
+        watcher.started(number, len(unusable) + len(planned), ended.name)
+        watcher.ended(ended, 0.0)
     with ExitStack() as names:
         jobs = [(setup, _own_name(path, request.replace, watcher, names)) for setup, path in planned]
         check_existing([(path, Kind.RESULT) for _, path in jobs], request.replace)  # again, now that they are ours
-        return _run_jobs(jobs, request, memory, shared, watcher)
+        return [*unusable, *_run_jobs(jobs, request, memory, shared, watcher, len(unusable))]
 
 
 def _own_name(path: Path, replaces: bool, watcher: Watcher, names: ExitStack) -> Path:
@@ -169,9 +201,9 @@ def _own_name(path: Path, replaces: bool, watcher: Watcher, names: ExitStack) ->
 
 
 def _run_jobs(
-    jobs: Sequence[Job], request: Request, memory: Memory, shared: SharedValues, watcher: Watcher
+    jobs: Sequence[Job], request: Request, memory: Memory, shared: SharedValues, watcher: Watcher, before: int
 ) -> list[Ended]:
-    """Run the cases, whose result files are claimed."""
+    """Run the cases, whose result files are claimed; `before`: number of cases that cannot be used."""
     shared.size = most_kept(jobs)
     real = [setup for setup, _ in jobs if setup.rig.can.moves_hardware]
     for note in dict.fromkeys(note for setup in real for note in baseline_note(setup)):
@@ -187,29 +219,29 @@ def _run_jobs(
 
     ask_to_move([setup for setup, _ in jobs], request.yes, watcher.confirm, predicted)
 
-    def work(job: Job, tell: Progress) -> tuple[Ended, float]:
+    def work(job: Job, tell: Progress) -> Ended:
         start = time.monotonic()
         ended = run_one(*job, memory, shared, request.command_line, tell, watcher, request.series)
-        return ended, time.monotonic() - start
+        return replace(ended, seconds=time.monotonic() - start)
 
     results: list[Ended] = []
-    with closing(in_order(work, jobs, watcher.doing, cases_at_once(jobs))) as endings:
-        for number, (setup, path) in enumerate(jobs, 1):
-            watcher.started(number, len(jobs), path.stem)
-            ended, seconds = next(endings)
+    with closing(in_order(work, jobs, watcher.doing, cases_at_once(jobs, request.at_once))) as endings:
+        for number, (setup, path) in enumerate(jobs, before + 1):
+            watcher.started(number, before + len(jobs), path.stem)
+            ended = next(endings)
             results.append(ended)
             if ended.path not in (None, path):
                 watcher.message(taken_sentence(path, ended.path))
-            watcher.ended(ended, seconds)
+            watcher.ended(ended, ended.seconds)
             if setup.rig.can.moves_hardware and ended.exit_code > 1:
                 break  # a person looks at the table before it moves again
     return results
 
 
-def cases_at_once(jobs: Sequence[Job]) -> int:
-    """Return the number of cases that run in parallel: one with a real rig or a very long record."""
+def cases_at_once(jobs: Sequence[Job], most: int | None = None) -> int:
+    """Return the number of cases that run in parallel, at most `most`: one with a real rig or a very long record."""
     real = any(setup.rig.can.moves_hardware for setup, _ in jobs)
-    return 1 if real else min(AT_ONCE, len(jobs), cores(), most_kept(jobs))
+    return 1 if real else min(most or AT_ONCE, len(jobs), cores(), most_kept(jobs))
 
 
 def exit_code(results: Sequence[Ended]) -> int:

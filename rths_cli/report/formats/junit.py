@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from rths_cli.analysis.grade import Judged
@@ -40,6 +41,7 @@ class Suite:
     timestamp: str  # of the result, UTC
     properties: tuple[tuple[str, str], ...]  # (name, value) of the result's attributes
     tests: tuple[Test, ...]
+    seconds: float = 0.0  # that the run took; 0: not known
 
 
 def junit(
@@ -47,15 +49,16 @@ def junit(
     unread: Sequence[Unread] = (),
     failed: Sequence[tuple[str, str]] = (),
     changes: Sequence[CaseChanges] = (),
+    seconds: Mapping[Path, float] | None = None,
 ) -> str:
     """Return JUnit XML of results, of files that cannot be read, of runs without a file (name and reason), and of
-    judged `changes` against a baseline.
+    judged `changes` against a baseline. `seconds`: what the run of each result took, where that is known.
 
     Raises InputError if the limits stored in a result cannot be read.
     """
-    suites = [_suite(result) for result in results]
+    suites = [_suite(result, (seconds or {}).get(result.path, 0.0)) for result in results]
     suites += [_broken(one.path.stem, one.sentence) for one in unread]
-    suites += [_broken(name, reason) for name, reason in failed]
+    suites += [_broken(name, reason, "run is complete") for name, reason in failed]
     suites += [Suite(f"baseline.{one.case}", NEVER, (), (_compared(one),)) for one in changes]
     root = Element("testsuites")
     for number, suite in enumerate(suites):
@@ -64,13 +67,13 @@ def junit(
     return HEAD + tostring(root, encoding="unicode") + "\n"
 
 
-def _suite(result: Result) -> Suite:
+def _suite(result: Result, seconds: float) -> Suite:
     a = result.attributes
     known = [(key, str(a[key])) for key in PROPERTIES if a.get(key) not in (None, "")]
     known.append(("verdict", verdict(result)))
     stamp = str(a.get("created_utc", "")).removesuffix("Z")
     stamp = stamp if INSTANT.fullmatch(stamp) else NEVER
-    return Suite(_name(result), stamp, (("file", str(result.path)), *known), tuple(_tests(result)))
+    return Suite(_name(result), stamp, (("file", str(result.path)), *known), tuple(_tests(result)), seconds)
 
 
 def _name(result: Result) -> str:
@@ -108,21 +111,23 @@ def _limit(one: Judged) -> str:
     return f"|{one.path}| <= {one.limit:g}"
 
 
-def _broken(name: str, sentence: str) -> Suite:
-    return Suite(name, NEVER, (), (Test("result can be read", "error", sentence),))
+def _broken(name: str, sentence: str, test: str = "result can be read") -> Suite:
+    return Suite(name, NEVER, (), (Test(test, "error", sentence),))
 
 
 def _add(root: Element, suite: Suite, number: int) -> None:
     """Add a suite with its tests to the document."""
     kinds = [test.kind for test in suite.tests]
-    counts = {"tests": len(kinds), "failures": kinds.count("failure"), "errors": kinds.count("error"), "time": 0}
+    counts: dict[str, object] = {"tests": len(kinds)}
+    counts |= {"failures": kinds.count("failure"), "errors": kinds.count("error"), "time": f"{suite.seconds:.4g}"}
     head = {"package": "rths", "id": number, "hostname": "localhost", "timestamp": suite.timestamp, **counts}
     node = _element(root, "testsuite", name=suite.name, **head)
     properties = SubElement(node, "properties")
     for name, value in suite.properties:
         _element(properties, "property", name=name, value=value)
     for test in suite.tests:
-        case = _element(node, "testcase", name=test.name, classname=f"rths.{suite.name}", time=0)
+        share = f"{suite.seconds / len(suite.tests):.4g}"  # readers add the times of tests up
+        case = _element(node, "testcase", name=test.name, classname=f"rths.{suite.name}", time=share)
         if test.kind:
             _element(case, test.kind, message=test.message, type=test.kind).text = _clean(test.message)
     SubElement(node, "system-out")

@@ -125,6 +125,7 @@ def test_every_matlab_snippet_runs_in_octave(place: Path, result: rths_cli.RunRe
     assert said[3] == f"after 0.100 s the command is {y[0]:.4g} V"
 
 
+@pytest.mark.campaign
 def test_blocks_responses_and_loops_go_to_python_control(result: rths_cli.RunResult) -> None:
     for name in ("feedback", "kalman", "numerical", "base_shear"):
         block, there = result.controller[name], rths_cli.to_control(result.controller[name])

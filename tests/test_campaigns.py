@@ -70,6 +70,7 @@ def run(script: str, words: tuple[str, ...], folder: Path) -> str:
 ENDING = "except SystemExit as ended:\n    assert not ended.code, ended.code\n"
 
 
+@pytest.mark.campaign
 def test_every_script_answers_help_and_does_nothing(tmp_path: Path) -> None:
     """What each takes from the package and from the tests is still there, too: it is imported before it answers."""
     scripts = [str(FOLDER / name) for name in SCRIPTS]

@@ -247,6 +247,7 @@ def test_noise_of_a_bit_makes_rounding_noise() -> None:
     assert few_bits(start, predict(start)) is None
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("shaped", [True, False])
 def test_rounding_of_commands(shaped: bool) -> None:
     fault = Fault(command_bits=16, shaped=shaped, noise_m_s2=NOISE_M_S2)

@@ -109,6 +109,7 @@ def test_a_run_prints_as_much_as_is_asked_for(tmp_path: Path) -> None:
     assert silent.stdout == silent.stderr == ""
 
 
+@pytest.mark.campaign
 def test_several_cases_print_a_row_each_and_leave_the_tables_to_the_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

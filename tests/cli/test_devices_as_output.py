@@ -95,6 +95,7 @@ def test_a_pipe_that_nobody_reads_is_refused_and_not_waited_for() -> None:
     assert done.returncode == 2 and "nobody reads this pipe" in done.stderr
 
 
+@pytest.mark.campaign
 def test_standard_output_by_its_name_is_written_to() -> None:
     done = rths("report", "demo.h5", "--output", "/dev/stdout", "--format", "csv", shell="> out.csv")
     assert done.returncode == 0, done.stderr
@@ -120,6 +121,7 @@ def test_hdf5_into_a_pipe_is_refused_before_anything_is_done(words: tuple[str, .
     assert stat.S_ISFIFO(os.stat("out.h5").st_mode)
 
 
+@pytest.mark.campaign
 def test_the_result_of_a_run_and_an_export_are_no_pipe() -> None:
     Path("results").mkdir()
     os.mkfifo(f"results/{CASE}.h5")
@@ -132,6 +134,7 @@ def test_the_result_of_a_run_and_an_export_are_no_pipe() -> None:
     assert stat.S_ISFIFO(os.stat("exported/demo.mat").st_mode)
 
 
+@pytest.mark.campaign
 def test_sockets_and_pipes_for_a_log_are_refused() -> None:
     with socket.socket(socket.AF_UNIX) as there:
         there.bind("socket")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.cli import entry_point
 from rths_cli.cli.command_group import cli
@@ -92,7 +93,7 @@ def rths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     yield call
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@parametrize_first(2, "command", COMMANDS)
 def test_the_rule_of_existing_files(rths: Call, command: str) -> None:
     words, file = COMMANDS[command]
     path = Path(file)
@@ -136,6 +137,7 @@ def test_a_result_takes_the_place_of_a_result_alone(rths: Call) -> None:
     assert Path(file).read_text() == "time,accel\n0,1\n"
 
 
+@pytest.mark.campaign
 def test_recordings_and_case_files_are_never_replaced(rths: Call) -> None:
     words = ("identify", CASE, *QUICK, "--no-figure", "--output", "m.h5", "--save-data", "d.h5")
     assert rths(*words)[0] == 0

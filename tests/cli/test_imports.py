@@ -117,6 +117,7 @@ print(len(os.listdir('/proc/self/task')), os.environ['OPENBLAS_NUM_THREADS'], fi
         assert expected is None or done.stderr.strip() == expected
 
 
+@pytest.mark.campaign
 def test_python_does_not_search_the_libraries_of_a_command_for_unreachable_objects() -> None:
     """It costs a tenth of a run: while they are imported, and once more at the end of the process."""
     code = """

@@ -72,6 +72,7 @@ def test_without_a_name_structure_and_records_list_theirs(lab: Path) -> None:
         assert rths(command, cwd=lab).stdout == rths("list", kind, cwd=lab).stdout != ""
 
 
+@pytest.mark.campaign
 def test_a_structure_is_shown_in_a_pipe_as_document_and_as_a_figure(lab: Path, tmp_path: Path) -> None:
     done = rths("structure", "b5", "--figure", str(tmp_path / "b5.svg"), cwd=lab)
     assert (done.returncode, done.stderr) == (0, f"wrote {tmp_path / 'b5.svg'}\n")

@@ -52,6 +52,7 @@ def scaling_in(path: Path) -> float:
     return float(next(line for line in text.splitlines() if line.startswith("scaling:")).split()[1])
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "more", [(), ("--no-replace",)])
 @parametrize_first(1, "count", [2, 5])
 def test_no_result_of_several_processes_is_lost(count: int, more: tuple[str, ...]) -> None:

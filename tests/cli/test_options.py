@@ -64,6 +64,7 @@ def test_a_path_of_very_many_keys_is_refused_before_it_is_followed() -> None:
     assert len(faults) == 1 and "names 1201 keys inside each other" in str(faults[0])
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("vary", [f"scaling=1:2:{DIGITS}", f"scaling={DIGITS}:2:3", f"scaling={DIGITS}"])
 def test_numbers_of_thousands_of_digits_are_one_short_sentence(vary: str) -> None:
     with pytest.raises(InputError) as caught:

@@ -54,6 +54,7 @@ def test_sweep_merge_is_merge(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (2, "none.h5: is no file that rths sweep wrote\n")
 
 
+@pytest.mark.campaign
 @parametrize_first(1, ("number", "code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_sweep_that_is_killed_goes_on(folder: Path, number: int, code: int) -> None:
     words = ("sweep", "a.yaml", "--seeds", "100000", "--output", "out/s.h5")

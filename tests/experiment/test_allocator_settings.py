@@ -29,6 +29,7 @@ def pages_given(keep: str) -> int:
     return int(told.stdout)
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc alone has the setting")
 def test_arrays_that_are_made_and_freed_again_and_again_cost_no_pages() -> None:
     assert pages_given("") > 1000

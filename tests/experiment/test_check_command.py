@@ -209,6 +209,7 @@ def test_a_run_stores_what_its_check_says(tmp_path: Path, memory: Memory) -> Non
     assert value(found, "rms_error_m_s2") == pytest.approx(predicted, rel=1e-12)
 
 
+@pytest.mark.campaign
 def test_a_run_without_exp_rths_is_judged_by_its_shake_table_test_alone(tmp_path: Path, memory: Memory) -> None:
     ended, result = run(tmp_path / "r.h5", setup_of("runs=[shake_table]", "scaling=0.1", case=BARE), memory)
     assert (ended.exit_code, result.attributes["check_verdict"]) == (0, "safe")

@@ -238,6 +238,7 @@ def test_a_feedforward_of_the_callers_own_gets_the_plain_one(default_identificat
     assert content_key(seen[0]) == content_key(plain.blocks.feedforward) and len(seen) == 1
 
 
+@pytest.mark.campaign
 def test_a_loop_that_is_not_safe_with_another_specimen_is_judged_without(
     default_identification: Identification, monkeypatch: pytest.MonkeyPatch
 ) -> None:

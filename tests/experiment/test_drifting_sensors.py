@@ -208,6 +208,7 @@ def test_a_run_that_the_rig_ends_names_its_drifting_sensor_and_no_healthy_one(
         assert drift_of(setup, expected_of(setup, known.found, blocks), replace(outcome, reason=reason)) is not None
 
 
+@pytest.mark.campaign
 def test_what_stood_in_for_lost_samples_accuses_no_healthy_sensor(
     memory: Memory, monkeypatch: pytest.MonkeyPatch
 ) -> None:

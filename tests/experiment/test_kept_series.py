@@ -56,6 +56,7 @@ def held(path: Path) -> dict[str, np.ndarray]:
     return found
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "series", KEPT_SERIES)
 def test_a_minute_is_no_larger_than_promised(results: dict[str, Path], series: str) -> None:
     samples = read_series(results["all"], "record/time_s").size

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 
 import rths_cli
 from rths_cli.case.load import load_cases
@@ -71,7 +72,7 @@ def parts_of(limits: object) -> tuple[np.ndarray, ...]:
     return tuple(map(np.asarray, limits if isinstance(limits, tuple) else (limits,)))
 
 
-@pytest.mark.parametrize("method", ["best", "paper"])
+@parametrize_first(1, "method", ["best", "paper"])
 def test_the_same_channels_under_other_physics_change_no_byte(
     recorded: tuple[np.ndarray, np.ndarray, Parts], method: str
 ) -> None:

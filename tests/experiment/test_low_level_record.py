@@ -100,6 +100,7 @@ def test_a_verification_is_played_at_the_level_with_which_it_is_compared(
     assert f"at {found.low_level_m_s2:.2g} m/s^2 rms" in said[0]
 
 
+@pytest.mark.campaign
 def test_a_model_file_keeps_the_low_level(found: Identification) -> None:
     names = ("table", "floor_2", "floor_3")
     stored = {

@@ -132,6 +132,7 @@ def test_what_hardly_changed_passes(file: Path, change: str) -> None:
     assert known.reasons == ()
 
 
+@pytest.mark.campaign
 def test_a_rejected_model_in_a_file_stays_rejected(
     tmp_path: Path, default_setup: Setup, default_identification: Identification
 ) -> None:

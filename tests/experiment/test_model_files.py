@@ -113,6 +113,7 @@ def test_a_model_of_a_rig_that_was_certain_drives_one_that_is_uncertain_by_defau
             load(path, setup)
 
 
+@pytest.mark.campaign
 def test_what_a_loop_must_tolerate_is_no_part_of_what_a_model_is(file: Path, tmp_path: Path, memory: Memory) -> None:
     other = setup_of("table.uncertainty.table_gain=0.05")
     assert load(file, other).found.calibration is not None
@@ -502,6 +503,7 @@ def keep_and_find(folder: Path, setup: Setup, found: Identification) -> None:
             os._exit(1)
 
 
+@pytest.mark.campaign
 def test_two_processes_at_once_do_no_harm(
     tmp_path: Path, default_setup: Setup, default_identification: Identification
 ) -> None:

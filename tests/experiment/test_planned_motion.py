@@ -101,6 +101,7 @@ def test_an_oscillation_that_grows_is_stopped_while_it_is_in_proportion_to_the_t
     assert "channel floor" not in outcome.stopped_by_limit
 
 
+@pytest.mark.campaign
 def test_no_limit_of_the_rig_file_is_raised_and_the_lower_ones_are_told(usual: Made) -> None:
     setup, _, _ = usual
     own = replace(setup, rig=replace(setup.rig, limits=replace(setup.rig.limits, tracking_error_m_s2=3.0)))

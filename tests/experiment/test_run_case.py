@@ -99,6 +99,7 @@ def test_each_error_is_that_of_the_series_in_the_file(whole: Path) -> None:
             assert metrics[path.format(which) + band] == pytest.approx(expected, rel=1e-12), path
 
 
+@pytest.mark.campaign
 def test_every_group_opens_in_xarray(whole: Path) -> None:
     import xarray as xr
 

@@ -118,6 +118,7 @@ def test_a_model_without_other_samples_than_itself_is_judged_as_without_samples(
     assert all(np.asarray(figures[path]).tobytes() == np.asarray(others[path]).tobytes() for path in figures)
 
 
+@pytest.mark.campaign
 def test_a_sample_with_an_unstable_loop_makes_the_verdict_unstable_and_says_how_many(
     identified: Identification,
 ) -> None:
@@ -161,6 +162,7 @@ def test_a_record_too_large_for_some_samples_is_unsafe_in_the_words_of_the_worst
         assert bool(at(scaling, members[0]).reasons) == (number == 0)
 
 
+@pytest.mark.campaign
 def test_a_sample_whose_building_has_no_sim_is_named(
     certain: Setup, identified: Identification, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -121,6 +121,7 @@ def test_silence_makes_the_watchdog_rest_the_table_and_end_the_session(running: 
     rig.close()
 
 
+@pytest.mark.campaign
 def test_a_killed_runner_is_waited_out_and_a_new_one_begins_at_rest(running: Running) -> None:
     first, second = running.rig(), running.rig()
     first.open()

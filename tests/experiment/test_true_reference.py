@@ -107,6 +107,7 @@ def test_a_damaged_specimen_is_that_of_a_building_built_by_hand() -> None:
     assert peak_difference(declared, sim.abs_accel_m_s2) > 0.1
 
 
+@pytest.mark.campaign
 def test_a_yielding_specimen_is_that_of_a_building_built_by_hand() -> None:
     setup = setup_of(f"{HIDDEN}={YIELDING}")
     dt_s, ground = setup.rig.dt_s, setup.motion.accel_m_s2

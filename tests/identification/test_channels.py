@@ -55,8 +55,8 @@ def names(made: Linear) -> list[str]:
     return [channel.name for channel in made.info.channels]
 
 
-@parametrize_first(2, "kind", KINDS)
-@parametrize_first(2, ("floors", "ratio"), [(1, 0.005), (2, 0.005), (3, 0.005), (1, 0.05), (2, 0.05), (3, 0.05)])
+@parametrize_first(1, "kind", KINDS)
+@parametrize_first(1, ("floors", "ratio"), [(1, 0.005), (2, 0.005), (3, 0.005), (1, 0.05), (2, 0.05), (3, 0.05)])
 def test_clean_records_have_no_fault(floors: int, ratio: float, kind: Kind) -> None:
     made = clean(floors, ratio, kind)
     assert faults(made) == []
@@ -192,8 +192,8 @@ def test_incoherent_channel_is_named_with_its_coherence(coherence: float) -> Non
         assert seen[index].coherence == pytest.approx(coherence, abs=0.12)
 
 
-@parametrize_first(2, "kind", KINDS)
-@parametrize_first(2, "share", [0.97, 0.9, 0.7, 0.5])
+@parametrize_first(1, "kind", KINDS)
+@parametrize_first(1, "share", [0.97, 0.9, 0.7, 0.5])
 def test_clipped_channel_is_named(share: float, kind: Kind) -> None:
     made = clean(2, kind=kind)
     random = np.random.default_rng(2)
@@ -206,8 +206,8 @@ def test_clipped_channel_is_named(share: float, kind: Kind) -> None:
         assert f"channel {name}: clipped" in found[0]
 
 
-@parametrize_first(2, "kind", KINDS)
-@parametrize_first(2, "share", [1.0, 0.97, 0.9, 0.7, 0.5])
+@parametrize_first(1, "kind", KINDS)
+@parametrize_first(1, "share", [1.0, 0.97, 0.9, 0.7, 0.5])
 def test_clipping_is_seen_through_the_correction_of_the_sensor(share: float, kind: Kind) -> None:
     """The sensor's AC coupling acts before the converter's limit, its correction after it."""
     made = clean(2, kind=kind)

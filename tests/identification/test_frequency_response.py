@@ -82,6 +82,7 @@ def test_double_differentiator_is_free_of_bias_at_low_frequency() -> None:
     assert np.abs(naive.response / truth - 1.0).max() > 0.01
 
 
+@pytest.mark.campaign
 def test_leakage_of_a_light_specimen_is_taken_out() -> None:
     command = shaped_noise(120.0, DT, 0.3, 60.0, np.random.default_rng(3))
     command = faded(command, 4.0, DT)

@@ -134,6 +134,7 @@ def test_its_specimen_and_laws_are_what_was_found() -> None:
     assert not replace(found, dashpots_n_s_per_m=-found.dashpots_n_s_per_m).possible
 
 
+@pytest.mark.campaign
 def test_a_linear_specimen_is_linear() -> None:
     assert identified(0.0, 0.0) is None
     assert identified(0.0, 0.0, 0.02) is None

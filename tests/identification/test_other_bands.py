@@ -49,6 +49,7 @@ def both(excited: Excited) -> tuple[Identification, Identification]:
     return usual, identify(given[0], faster, given[1], SETTINGS, quiet)
 
 
+@pytest.mark.campaign
 def test_the_model_is_the_same_only_faster(both: tuple[Identification, Identification]) -> None:
     usual, fast = both
     for one, other in ((usual.best, fast.best), (usual.paper, fast.paper)):

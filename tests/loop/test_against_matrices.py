@@ -25,6 +25,7 @@ def test_the_commands_of_a_shipped_case_are_those_of_matrices(case: str, memory:
     np.testing.assert_allclose(ours, numpy_commands(parts, ground), rtol=0.0, atol=SAME * np.abs(ours).max())
 
 
+@pytest.mark.campaign
 def test_the_assembled_loop_is_the_network(memory: Memory) -> None:
     """One matrix for the whole closed loop without what is added against friction gives the same commands."""
     setup, blocks = step_run.prepared(memory, "el_centro_low_ff_fb")

@@ -147,6 +147,7 @@ def undivided(dt_s: float, ground_accel: Array) -> Array:
     return accel[:-1]
 
 
+@pytest.mark.campaign
 def test_the_staggered_loop_converges_to_the_undivided_building_with_first_order() -> None:
     errors = []
     for dt_s in (1e-3, 5e-4, 2.5e-4):

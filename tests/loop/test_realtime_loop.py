@@ -125,6 +125,7 @@ def steps_at_rest(rig: Wired, *, order_at: int = 0) -> int:
     return int((state == realtime_loop.AT_REST).sum())
 
 
+@pytest.mark.campaign
 def test_after_a_whole_record_the_table_is_watched_at_rest() -> None:
     rig = Wired()
     watched = round(WATCHED_S / rig.info.dt_s)

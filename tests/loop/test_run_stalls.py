@@ -83,6 +83,7 @@ def way(content: bytes, count: int) -> Array:
     return smooth_way((command, *points), spacing, count)
 
 
+@pytest.mark.campaign
 def test_each_command_says_how_it_goes_on_and_is_the_one_noted(played: tuple[Signals, list[bytes]]) -> None:
     log, came = played
     left = np.flatnonzero(log.lost[1:] != 2)  # the command of a step leaves where the next step was not caught up

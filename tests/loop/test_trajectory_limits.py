@@ -78,6 +78,7 @@ def any_volts() -> st.SearchStrategy[float]:
     return st.one_of(st.floats(-12.0, 12.0), st.sampled_from([math.nan, math.inf, -math.inf, 1e300, -1e300]))
 
 
+@pytest.mark.campaign
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(
     wanted=st.lists(any_volts(), min_size=POINTS, max_size=POINTS),

@@ -187,6 +187,7 @@ def test_a_process_killed_while_it_compiles_leaves_nothing_wrong(
     assert hello(tmp_path) == ["0", made[1][1]]
 
 
+@pytest.mark.campaign
 @POSIX
 def test_of_processes_that_start_together_one_compiles(made: tuple[Path, list[str]], tmp_path: Path) -> None:
     with started(tmp_path) as first, started(tmp_path) as second, started(tmp_path) as third:
@@ -285,6 +286,7 @@ def test_a_cache_that_cannot_be_made_is_no_fault_and_is_told(made: tuple[Path, l
     assert "it is not kept: " in " ".join(first) and str(tmp_path / "file") in first[-1]
 
 
+@pytest.mark.campaign
 def test_files_that_cannot_be_replaced_are_no_fault(made: tuple[Path, list[str]], tmp_path: Path) -> None:
     cache = Path(shutil.copytree(made[0], tmp_path / "taken"))
     (path,) = cache.rglob("*.nbc")
@@ -304,6 +306,7 @@ def test_a_function_without_a_source_file_is_compiled_and_not_kept(tmp_path: Pat
     assert not list(tmp_path.rglob("*.nbi"))
 
 
+@pytest.mark.campaign
 @POSIX
 def test_a_full_disk_is_no_fault(made: tuple[Path, list[str]], tmp_path: Path) -> None:
     """A limit on the size of files stands for it: what numba writes to its cache fails."""
@@ -326,6 +329,7 @@ def test_a_folder_that_cannot_be_written_is_not_used_and_is_told(made: tuple[Pat
     assert told[:2] == made[1][:2] and f"it is not kept: {folder} cannot be written" in " ".join(told)
 
 
+@pytest.mark.campaign
 @POSIX
 def test_a_user_whose_new_files_the_group_may_write_has_a_cache_too(
     made: tuple[Path, list[str]], tmp_path: Path
@@ -506,6 +510,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.campaign
 def test_a_numba_whose_arrays_are_described_in_another_way_runs_slower_and_says_so(tmp_path: Path) -> None:
     (tmp_path / "unknown.py").write_text(UNKNOWN)
     code = f"import runpy; runpy.run_path({str(tmp_path / 'unknown.py')!r}, run_name='__main__')"

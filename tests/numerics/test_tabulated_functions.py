@@ -41,6 +41,7 @@ def smooth(x: Array) -> Array:
     )
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("four", [0, 3])
 def test_a_table_holds_values_and_slopes(four: int) -> None:
     scale, most = 6.0, 40.0

@@ -10,6 +10,7 @@ import matplotlib
 import numpy as np
 import pytest
 from made_up_identification import ABOUT, MODEL, identification, specimen
+from portfolio import parametrize_first
 
 from rths_cli.errors import InputError
 from rths_cli.experiment.identify_output import FIGURE_FORMATS
@@ -139,7 +140,7 @@ def test_a_table_without_floors_has_four_axes(found):
     assert len(drawn.axes) == 4 and drawn.axes[3].get_xlabel() == "frequency (Hz)"
 
 
-@pytest.mark.parametrize(("suffix", "start"), [(".svg", b"<?xml"), (".png", b"\x89PNG"), (".PDF", b"%PDF")])
+@parametrize_first(1, ("suffix", "start"), [(".svg", b"<?xml"), (".png", b"\x89PNG"), (".PDF", b"%PDF")])
 def test_the_same_identification_gives_the_same_bytes(found, tmp_path, monkeypatch, suffix, start):
     """Neither the date nor the user's own matplotlib settings show, and these are left as they were."""
     one, other = tmp_path / f"one{suffix}", tmp_path / f"other{suffix}"
@@ -185,6 +186,7 @@ def test_the_formats_that_are_asked_for_are_those_that_can_be_written():
     assert tuple(METADATA) == FIGURE_FORMATS
 
 
+@pytest.mark.campaign
 def test_the_page_needs_no_matplotlib_and_the_figure_no_pyplot():
     code = """
 import sys

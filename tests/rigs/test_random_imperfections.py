@@ -79,6 +79,7 @@ def with_floats(given: Any) -> Any:
     return float(given) if isinstance(given, str) else given
 
 
+@pytest.mark.campaign
 def test_each_draw_of_the_laboratory_is_that_of_its_file() -> None:
     """Over 2000 laboratories each drawn value is normal with mean and spread of the file, cut at four spreads, and
     independent of every other; what the file states as a number is that number."""

@@ -148,6 +148,7 @@ TABLE = {
 }
 
 
+@pytest.mark.campaign
 def test_doctor_is_content_with_a_counted_clock(plug: Plug, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Simulated] = []
 

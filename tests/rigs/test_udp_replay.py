@@ -110,6 +110,7 @@ def line(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Line,
     assert next(started, None) is None
 
 
+@pytest.mark.campaign
 def test_replays_at_the_start_in_motion_and_at_the_end_change_nothing(line: tuple[Line, UdpRig]) -> None:
     """Three sessions at 1 V first; then five at 0 V, each of which begins at once, stays at rest, and is confirmed."""
     wire_tap, rig = line

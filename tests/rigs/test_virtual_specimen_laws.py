@@ -143,6 +143,7 @@ def test_a_specimen_with_laws_agrees_with_an_adaptive_solver(stated: Stated, siz
     assert peak(linear[3] - wanted[3]) > 0.05 * peak(wanted[3])
 
 
+@pytest.mark.campaign
 def test_smaller_inner_steps_bring_a_yielding_specimen_closer() -> None:
     """Beside a change of branch the order is two; halving the step twice takes the error down at least eightfold."""
     info, command = ideal_info(high_pass_hz=0.024), command_of(4000, 0.6)

@@ -139,6 +139,7 @@ def test_what_the_text_of_a_law_shows_is_told_before_it_is_compiled(
     assert told.startswith("structure.numerical.law: bad.py") and says in told
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [

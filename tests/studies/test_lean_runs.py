@@ -68,6 +68,7 @@ def test_a_lean_run_that_a_limit_stops_is_stopped_as_a_full_one(plan: RunPlan) -
     assert lean(tight).stopped_by_limit == full.stopped_by_limit
 
 
+@pytest.mark.campaign
 def test_channels_that_rest_are_judged_by_what_they_should_show(tmp_path: Path) -> None:
     """Without noise every channel keeps its code while the table rests: no reason to stop."""
     quiet = planned(tmp_path, QUIET)

@@ -26,6 +26,7 @@ ROWS = 6_400
 MOST_BYTES_PER_ROW = 700  # a million rows and the process itself then stay below 1 GB
 
 
+@pytest.mark.campaign
 def test_memory_grows_by_less_than_1_gb_per_million_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sweep_file, "BATCH_VALUES", ROWS)
     alone = one_point()
@@ -49,6 +50,7 @@ def test_parts_are_joined_in_less_memory_than_that(tmp_path: Path, monkeypatch: 
     agree(Tabulated(planned(ROWS, tmp_path, alone).plan, merged, page(merged, tmp_path / "many.h5")))
 
 
+@pytest.mark.campaign
 def test_kept_rows_are_taken_one_at_a_time(tmp_path: Path) -> None:
     alone = one_point()
     tables: list[Table] = []

@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from portfolio import parametrize_first
 
 from rths_cli.cli import cli
 from rths_cli.errors import InputError
@@ -57,7 +58,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-@pytest.mark.parametrize(("number", "kind", "latency", "seed"), [(2, "FF", 1, 5), (7, "FF+FB", 2, 4)])
+@parametrize_first(1, ("number", "kind", "latency", "seed"), [(7, "FF+FB", 2, 4), (2, "FF", 1, 5)])
 def test_a_row_is_run_in_full_with_the_same_metrics(
     folder: Path, tmp_path: Path, memory: Memory, number: int, kind: str, latency: int, seed: int
 ) -> None:

@@ -225,6 +225,7 @@ def test_a_sweep_that_is_interrupted_before_its_first_row_says_that_it_begins_an
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.campaign
 def test_an_interrupted_sweep_goes_on_where_it_was_and_gives_the_same(
     worn: tuple[SweepRequest, Swept], tmp_path: Path
 ) -> None:
@@ -260,6 +261,7 @@ def test_an_interrupted_sweep_goes_on_where_it_was_and_gives_the_same(
     assert (again.played, again.exit_code) == (0, 0)
 
 
+@pytest.mark.campaign
 def test_a_sweep_takes_the_place_of_a_sweep_alone(
     whole: tuple[SweepRequest, Swept], folder: Path, tmp_path: Path
 ) -> None:

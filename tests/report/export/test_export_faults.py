@@ -159,6 +159,7 @@ def test_the_command_prints_its_files_and_how_a_run_ended(tmp_path: Path) -> Non
     assert "out/good.mat: exists; remove it, choose another name, or drop --no-replace" in again.stderr
 
 
+@pytest.mark.campaign
 def test_the_command_prints_one_document(tmp_path: Path) -> None:
     make(tmp_path / "cut.h5", "aborted")
     done = rths("cut.h5", "--to", "csv", "--group", "record", "--json", cwd=tmp_path)

@@ -13,6 +13,7 @@ import matplotlib
 import numpy as np
 import pytest
 from made_up_results import write_result
+from portfolio import parametrize_first
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import read_result
@@ -92,7 +93,7 @@ def test_files_are_what_they_say_small_and_with_their_fonts(written):
             assert b"<text" not in image and re.search(rb'width="(493|238)\.\d+pt"', image[:500])
 
 
-@pytest.mark.parametrize("width", ["one", "two"])
+@parametrize_first(1, "width", ["one", "two"])
 @pytest.mark.parametrize("name", VIRTUAL)
 def test_every_figure_says_virtual_and_nothing_is_cut(made_up, name, width):
     figure = draw(name, made_up, width)
@@ -119,6 +120,7 @@ def test_a_figure_without_header_holds_no_word_on_case_and_table(made_up, name):
     assert len(figure.axes) == len(draw(name, made_up, "one").axes)
 
 
+@pytest.mark.campaign
 def test_a_measured_table_is_not_called_virtual(tmp_path):
     result = read_result(write_result(tmp_path / "real.h5", kind="udp", n=600))
     for name in figure_names():
@@ -151,6 +153,7 @@ def test_what_a_result_does_not_hold_is_left_out_with_a_reason(short, tmp_path, 
         draw("table_response", result)
 
 
+@pytest.mark.campaign
 def test_results_of_one_name_get_files_of_their_own(tmp_path):
     results = []
     for folder in ("a", "b"):

@@ -308,6 +308,7 @@ def test_a_series_that_was_cut_is_plotted_up_to_there(tmp_path: Path) -> None:
     assert [trace["name"] for trace in error["traces"]] == ["SIM - EXP-RTHS"]
 
 
+@pytest.mark.campaign
 def test_thirty_storeys_can_be_chosen_and_fit(tmp_path: Path) -> None:
     result = page_results.write(tmp_path / "x.h5", storeys=30, samples=20_000)
     text = page([result], COMMAND)
@@ -332,6 +333,7 @@ def test_timing_of_a_virtual_table_is_not_shown(text: str) -> None:
     assert "loop timing" not in page_reader.read(text).words()
 
 
+@pytest.mark.campaign
 def test_results_of_several_cases_share_what_is_the_same(tmp_path: Path) -> None:
     made = [
         page_results.write(

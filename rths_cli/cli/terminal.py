@@ -49,7 +49,7 @@ def page_width() -> int:
 
 def show_page(make: Callable[[], str]) -> None:
     """Print a page that is made now, as wide as the terminal, its verdicts in colour."""
-    from rths_cli.report.text_layout import laid_out_in
+    from rths_cli.report.to_text import laid_out_in
 
     with laid_out_in(page_width()):
         text = make()

@@ -12,7 +12,8 @@ from rths_cli.numerics.lti import Array
 from rths_cli.quantities import metric
 from rths_cli.report.numbers import listed, rounded_to_four, with_uncertainty
 from rths_cli.report.results_by_case import Entry, state, storeys
-from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, mark, ratio, width, wrapped
+from rths_cli.report.text_layout import Cell, Row, Table, mark, ratio, wrapped
+from rths_cli.report.to_text import WIDTH, width
 
 CAUSES = {
     "declared": "declared building",

@@ -27,7 +27,8 @@ from rths_cli.identification.verdict import LIMITS, agree
 from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Array, ComplexArray, Model
 from rths_cli.report.numbers import DASH, json_data, percent, rounded, significant, with_uncertainty
-from rths_cli.report.text_layout import aligned, labelled, width, wrapped_below_labels
+from rths_cli.report.text_layout import aligned, labelled, wrapped_below_labels
+from rths_cli.report.to_text import width
 
 if TYPE_CHECKING:
     from rths_cli.experiment.identify_command import About

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.report.numbers import significant
-from rths_cli.report.text_layout import LABEL, WIDTH, labelled
+from rths_cli.report.text_layout import LABEL, labelled
+from rths_cli.report.to_text import WIDTH
 from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:

@@ -20,7 +20,8 @@ from rths_cli.numerics.lti import Array
 from rths_cli.quantities.declaration import ENDINGS, typeset
 from rths_cli.report.numbers import json_value, six_wide, three
 from rths_cli.report.result_scale import MODEL, stored_scale
-from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, render, wrapped
+from rths_cli.report.text_layout import Cell, Row, Table, render, wrapped
+from rths_cli.report.to_text import WIDTH
 from rths_cli.structure.similitude import factors_text
 from rths_cli.studies.sensitivity import SobolIndices, sobol_indices
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -19,9 +17,8 @@ from rths_cli.experiment.lost_samples import losses_of_runs
 from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.report.numbers import six_wide
 from rths_cli.report.results_by_case import DIVERGED, Entry, look_up, published, run_state, state
+from rths_cli.report.to_text import width
 
-WIDTH = 100  # largest number of columns of a line, unless `laid_out_in` says another
-_COLUMNS = ContextVar("columns", default=WIDTH)
 LABEL_SHARE = 3  # of a narrow page a column of labels takes at most one part of so many
 NARROWEST_LABEL = 6  # characters
 
@@ -31,21 +28,6 @@ TESTS = {"shake_table": "shake table test", "exp_rths": "RTHS"}
 SIM_DELAY_ERROR = "sim_delay.rms_error_m_s2"
 EXP_ERROR = "exp_rths.rms_error_m_s2"
 UNFINISHED = "*"  # mark of a metric whose run did not end as planned
-
-
-@contextmanager
-def laid_out_in(columns: int) -> Iterator[None]:
-    """Lay pages out for lines of at most so many columns meanwhile."""
-    before = _COLUMNS.set(columns)
-    try:
-        yield
-    finally:
-        _COLUMNS.reset(before)
-
-
-def width() -> int:
-    """Return the largest number of columns of a line, 100 unless `laid_out_in` says another."""
-    return _COLUMNS.get()
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from made_up import paper_cases
 
 from rths_cli.report import check_page, identification_page
 from rths_cli.report.result_tables import tables
-from rths_cli.report.text_layout import Cell, Row, Table, laid_out_in, render, width
+from rths_cli.report.text_layout import Cell, Row, Table, render
+from rths_cli.report.to_text import laid_out_in, width
 
 COLUMNS = 60
 HEADS = (Cell("left", 5), Cell("right", 5))

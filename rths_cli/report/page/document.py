@@ -21,10 +21,10 @@ from rths_cli.loop.lost_samples import without_samples
 from rths_cli.numerics.lti import Array, ComplexArray, Model
 from rths_cli.quantities.declaration import typeset
 from rths_cli.report.case_metric_tables import CAUSES, latency_text, named_causes
+from rths_cli.report.document import grid
 from rths_cli.report.figures.figure_data import Pool, pack_floats
 from rths_cli.report.numbers import listed, percent, rounded, rounded_to_four, significant
 from rths_cli.report.page import histories, overview
-from rths_cli.report.page.html import Html, classed, data_script, details, element, framed, join, table
 from rths_cli.report.page.overview import (
     BAD,
     GOOD,
@@ -57,6 +57,7 @@ from rths_cli.report.result_tables import TRUE, WORDS, test_band
 from rths_cli.report.results_by_case import Entry, entries, sources
 from rths_cli.report.sweep_page import grid_points, page_without_grid_points
 from rths_cli.report.text_layout import Cell, Row, Table, remarks
+from rths_cli.report.to_html import Html, classed, data_script, details, element, framed, join, table
 
 GROUP = "identification"
 
@@ -150,7 +151,8 @@ def identification(result: Result) -> Html:
     """Return tables of the identification: fit, delay, specimen, roots; "" without an identification."""
     if GROUP not in result.groups:
         return Html("")
-    return join([table([["Identified", "value"]], _numbers(result)), table([_ROOT_HEAD], _roots(result), "figures")])
+    numbers = grid([["Identified", "value"], *_numbers(result)], words=True)
+    return join([table(numbers), table(grid([_ROOT_HEAD, *_roots(result)]))])
 
 
 def _numbers(result: Result) -> Iterator[list[str]]:
@@ -222,7 +224,8 @@ def _claim(place: int, claim: Claim, cases: Sequence[Entry]) -> Html:
         "div", *(part for source in dict.fromkeys(v.source for v in found) for part in _count(source, found))
     )
     rows = ([v.where, v.source, v.verdict, v.because] for v in found)
-    compared = table([["where", "source", "verdict", "metrics compared, measured (m/s²)"]], rows)
+    heads = ["where", "source", "verdict", "metrics compared, measured (m/s^2)"]
+    compared = table(grid([heads, *rows], words=True))
     return join([element("p", element("strong", f"{place}. {claim.text}")), counts, details("comparisons", compared)])
 
 
@@ -257,7 +260,8 @@ def every_figure(entry: Entry) -> Html:
     """Return a table of all metrics of a case: path, unit, values by method, definition."""
     methods = entry.results
     paths = sorted({path for result in methods.values() for path in result.metrics})
-    return table([["metric", "unit", *methods, "definition"]], (_figure(path, methods) for path in paths))
+    heads = ["metric", "unit", *methods, "definition"]
+    return table(grid([heads, *(_figure(path, methods) for path in paths)], words=True))
 
 
 def by_cause(result: Result) -> Html:
@@ -296,7 +300,7 @@ def timing(result: Result) -> Html:
     rows = [row for run in TABLES if run in result.groups for row in _timing(result, run)]
     if not rows:
         return Html("")
-    return table([["loop timing (µs)", *SHARES]], rows, "figures")
+    return table(grid([["loop timing (µs)", *SHARES], *rows]))
 
 
 def _timing(result: Result, run: str) -> Iterator[list[str]]:
@@ -357,9 +361,10 @@ def study_section(path: Path, sweep: Sweep) -> Html:
     if sweep.study_yaml:
         parts.append(details("The study", element("pre", sweep.study_yaml)))
     parts.append(details("The case that is varied", element("pre", sweep.case_yaml)))
-    rows = [(label, str(sweep.attributes[name])) for name, label in ORIGIN.items() if name in sweep.attributes]
+    found = {label: str(sweep.attributes[name]) for name, label in ORIGIN.items() if name in sweep.attributes}
+    rows = [("", path.name), *found.items()]
     rows.append(("Processors", ", ".join(sorted({*sweep.texts["processor"]} - {""})) or "-"))
-    parts.append(details("Origin", table([["", path.name]], rows)))
+    parts.append(details("Origin", table(grid(rows, words=True))))
     return element("section", element("h2", path.stem), *parts)
 
 

@@ -16,10 +16,10 @@ from rths_cli.case.yaml_reader import Source, parse, plain
 from rths_cli.files.result_reader import Result
 from rths_cli.files.stored_case import stored_case, storey_heights_m
 from rths_cli.numerics.lti import Array
-from rths_cli.quantities.declaration import typeset
-from rths_cli.report.answer import about, base_shear, grade, not_accepted, storey_columns, storeys_with_laws, verdict
-from rths_cli.report.page.html import Html, classed, details, element, framed, join, table
+from rths_cli.report.answer import about, base_shear, grade, not_accepted, storey_table, storeys_with_laws, verdict
+from rths_cli.report.document import grid
 from rths_cli.report.result_scale import in_model_scale
+from rths_cli.report.to_html import Html, classed, details, element, framed, join, table
 from rths_cli.rigs.description import capabilities_of
 
 MET, NOT_MET, NOT_JUDGED = "met", "not met", "not judged"
@@ -211,7 +211,8 @@ def provenance(results: Sequence[Result]) -> Html:
     made = ([name_of(r), r.path.name, str(r.attributes.get("created_utc") or "-")] for r in results)
     head = ["", "value", "results"] if len(results) > 1 else ["", "value"]
     told = (row[: len(head)] for row in rows)
-    return join([table([head], told), table([["result", "file", "created (UTC)"]], made)])
+    files = grid([["result", "file", "created (UTC)"], *made], words=True)
+    return join([table(grid([head, *told], words=True)), table(files)])
 
 
 def commands(results: Sequence[Result], command_line: str) -> Html:
@@ -377,12 +378,7 @@ def responses(results: Sequence[Result]) -> Html:
 
 
 def _response(result: Result) -> Html:
-    labels, columns = storey_columns(result)
-    if not columns:
+    if (shown := storey_table(result)) is None:
         return Html("")
-    heads = [["storey", *(one.name for one in columns)], ["", *(typeset(one.unit) for one in columns)]]
-    rows = ([label, *(one.cells[place] for one in columns)] for place, label in enumerate(labels))
-    shear = base_shear(result)
-    shown = table(heads, rows, "figures", ["", *(one.group for one in columns)])
-    notes = (note for note in (shear, storeys_with_laws(result)) if note)
-    return join([shown, *(classed("p", "note", note) for note in notes)])
+    notes = (note for note in (base_shear(result), storeys_with_laws(result)) if note)
+    return join([table(shown), *(classed("p", "note", note) for note in notes)])

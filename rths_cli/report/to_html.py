@@ -1,11 +1,13 @@
-"""HTML elements; all text is escaped, so that nothing can be injected."""
+"""A document's tables and other elements as HTML; all text is escaped, so that nothing can be injected."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
 from html import escape
-from itertools import groupby
+
+from rths_cli.quantities.declaration import typeset
+from rths_cli.report.document import RULE, Row, Table, runs
 
 UNSEEN = dict.fromkeys((*range(9), 11, 12, *range(14, 32), 127, *range(0xD800, 0xE000)), "�")
 IN_SCRIPT = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
@@ -44,19 +46,34 @@ def data_script(name: str, document: object) -> Html:
     return Html(f'<script type="application/json" id="{safe(name)}">{text}</script>')
 
 
-def table(
-    head: Iterable[Iterable[str]], body: Iterable[Iterable[str]], kind: str = "texts", groups: Iterable[str] = ()
-) -> Html:
-    """Return a table in a frame that scrolls if it is wider than the page; the first column holds the row labels.
+def table(shown: Table) -> Html:
+    """Return a table in a frame that scrolls if it is wider than the page, its title above; the first column holds the
+    row labels.
 
-    `kind`: class of the table, "texts" or "figures" (right-aligned numbers). `groups`: heading above each column,
-    which columns beside each other share.
+    Its class is "texts" if all columns hold words, else "figures" (right-aligned numbers).
     """
-    shared = [(name, str(len(list(same)))) for name, same in groupby(groups)]
-    top = [element("tr", *(element("th", name, attributes={"colspan": span}) for name, span in shared))]
-    heads = join([*(top if shared else []), *(element("tr", *(element("th", cell) for cell in row)) for row in head)])
-    rows = join(_row(list(row)) for row in body)
-    return framed(classed("table", kind, element("thead", heads), element("tbody", rows)))
+    heads = (_row("th", row, shown) for row in shown.headings())
+    rows = (_row("td", row, shown) for row in shown.rows if row is not RULE)
+    title = typeset(shown.title)
+    about = {"class": "texts" if all(column.words for column in shown.columns) else "figures"}
+    about |= {"aria-label": title} if title else {}
+    body = element("table", element("thead", *heads), element("tbody", *rows), attributes=about)
+    notes = (classed("p", "note", note) for note in shown.notes)
+    return join([*([element("h4", title)] if title else []), framed(body), *notes])
+
+
+def _row(kind: str, row: Row, shown: Table) -> Html:
+    """Return a row, or a heading across the table; the last cell of each group has a bar."""
+    if not row.cells:
+        across = {"colspan": str(len(shown.columns) + 1), "class": "heading"}
+        return element("tr", element("th", element("span", row.label), attributes=across))
+    ends = shown.ends() if len(shown.ends()) > 1 else set()
+    parts = [element("th", row.label, attributes={"scope": "row"} if kind == "td" else None)]
+    for first, last, cell in runs(row.cells):
+        span = {"colspan": str(last - first + 1)} if last > first else {}
+        bar = {"class": "end"} if last in ends else {}
+        parts.append(element(kind, typeset(cell) if kind == "th" else cell.strip(), attributes=span | bar))
+    return element("tr", *parts)
 
 
 def framed(wide: Html) -> Html:
@@ -68,8 +85,3 @@ def details(title: str, *children: str, unfolded: bool = False) -> Html:
     """Return children that unfold at a click on their title; in print, they are shown as on the screen."""
     state = {"open": ""} if unfolded else {}
     return element("details", element("summary", title), *children, attributes=state)
-
-
-def _row(cells: list[str]) -> Html:
-    label = element("th", cells[0], attributes={"scope": "row"})
-    return element("tr", label, *(element("td", cell) for cell in cells[1:]))

@@ -83,7 +83,7 @@ def _answer(result: Result, whole: bool) -> Document:
 
 def _line(sentence: str) -> Line:
     """Return a sentence, of which what stands before a colon may be a verdict."""
-    return Line(sentence, indent=2, verdict=sentence.partition(":")[0])
+    return Line(sentence, verdict=sentence.partition(":")[0])
 
 
 class Note(NamedTuple):

@@ -22,7 +22,7 @@ class Line:
 
     text: str
     label: str | None = None  # in the column of labels; "": the text stands below that of the line before
-    indent: int = 0  # columns by which continuation lines of a sentence are indented
+    indent: int = 2  # columns by which continuation lines of a sentence are indented
     verdict: str = ""  # the beginning of the text, a verdict
 
 
@@ -94,6 +94,16 @@ class Fixed:
 Block = Line | Table | Fixed
 Section = Sequence[Block]
 Document = Sequence[Section]
+
+
+def labelled(label: str, text: str, verdict: str = "") -> Line:
+    """Return a text behind its label; `verdict`: the beginning of the text, where that is one."""
+    return Line(text, label, verdict=verdict)
+
+
+def labelled_lines(label: str, texts: Iterable[str]) -> list[Block]:
+    """Return texts below each other behind one label."""
+    return [labelled("" if place else label, text) for place, text in enumerate(texts)]
 
 
 def spread(cells: Sequence[str | None]) -> list[str]:

@@ -70,9 +70,9 @@ def marked(verdict: str) -> str:
 
 
 def wrapped(sentence: str, indent: int = 0) -> list[str]:
-    """Return the lines of a sentence; continuation lines are indented."""
+    """Return the lines of a sentence; continuation lines are indented. A path is not broken: it will be copied."""
     made = textwrap.wrap(
-        sentence, width(), subsequent_indent=" " * indent, break_on_hyphens=False, break_long_words=False
+        sentence, width(), subsequent_indent=" " * indent, break_on_hyphens=False, break_long_words="/" not in sentence
     )
     return [line.rstrip() for line in made] or [""]
 

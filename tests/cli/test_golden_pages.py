@@ -66,7 +66,8 @@ def masked(name: str, text: str) -> str:
         return text
     if name in LABELS_ALONE:  # further lines of a text, and advice that another machine does not need, are left out
         text = re.sub(r"(?m)^ {22}.*\n|^to do better .*\n", "", text)
-        text = re.sub(r"(?m)^(.{24})\S.*$", r"\1...", text)
+        text = re.sub(r"(?m)^(.{24})\S.*$", _label_alone, text)
+        text = re.sub(r"(?m)^( +\S+) .*$", r"\1 ...", text) if name == "doctor" else text  # rows differ by machine
     if name == "report":
         text = re.sub(r"(?m)^ {20,}\S.*\n", "", re.sub(r"(?m)^(  \w+\.\w+) .*$", r"\1", text))
     kept: list[str] = []
@@ -78,6 +79,11 @@ def masked(name: str, text: str) -> str:
     text = re.sub(AGREEING.get(name, "(?!)"), keep, text)
     text = re.sub(rf"( {{2,}})({NUMBER}|-)(?=\s|$)", lambda m: f"{'':>{len(m[0]) - 1}}#", text)
     return re.sub(r"<(\d)>", lambda m: kept[int(m[1])], re.sub(NUMBER, "#", text))
+
+
+def _label_alone(found: re.Match[str]) -> str:
+    """Return a label without its text, and a row of a table as it is."""
+    return found[0] if "  " in found[1].strip() else f"{found[1]}..."
 
 
 def _two_digits(found: re.Match[str]) -> str:

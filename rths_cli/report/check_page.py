@@ -9,8 +9,8 @@ import numpy as np
 
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import METRICS, Interval, intervals_of
-from rths_cli.report.case_metric_tables import budget_text, latency_text
-from rths_cli.report.document import Block, Document, Fixed, Line, grid, labelled
+from rths_cli.report.case_metric_tables import budget, latency
+from rths_cli.report.document import Block, Document, Line, grid, labelled
 from rths_cli.report.numbers import DASH, intervals_json, json_value, rounded, significant, whole_percent
 from rths_cli.report.to_text import LABEL, text
 from rths_cli.structure.similitude import factors_text
@@ -98,19 +98,15 @@ def _sections(checked: Checked) -> Document:
             _stability(values),
             _margins(values, checked.about.compared_hz[1]),
             _tangents(values, checked.tangents),
-            _fixed(latency_text(values)),
+            latency(values),
         ]
         sections += [_reach(values), _simulated(values)]
-        sections += [_fixed(budget_text(values)), _compared(values, checked.about)]
+        sections += [budget(values), _compared(values, checked.about)]
     sections.append(_guard(values, checked.of_guard))
     if intervals := intervals_of(checked.metrics):
         sections.append(_over_samples(intervals))
     sections.append(_verdict(checked))
     return sections
-
-
-def _fixed(laid_out: str) -> list[Block]:
-    return [Fixed(laid_out)] if laid_out else []
 
 
 def _name(about: Tested) -> str:

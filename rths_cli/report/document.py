@@ -78,9 +78,15 @@ class Table:
         return last | {k for k, (one, after) in enumerate(pairwise(self.columns)) if one.group != after.group}
 
     def part(self, first: int, end: int) -> Table:
-        """Return the table with the columns from `first` to `end` alone; a cell that reaches into them is repeated."""
-        rows = (replace(row, cells=(spread(row.cells)[first], *row.cells[first + 1 : end])) if row.cells else row
-                for row in self.rows)  # fmt: skip
+        """Return the columns from `first` to `end` alone; a cell that reaches into them is repeated, a row that has
+        nothing there is left out."""
+        rows: list[Row] = []
+        for row in self.rows:
+            cells = (spread(row.cells)[first], *row.cells[first + 1 : end]) if row.cells else ()
+            if any(cells) or not row.cells:
+                rows.append(replace(row, cells=cells))
+        while rows and rows[-1] == RULE:
+            rows.pop()
         return replace(self, columns=self.columns[first:end], rows=tuple(rows))
 
 

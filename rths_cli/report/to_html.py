@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 
 from rths_cli.quantities.declaration import typeset
-from rths_cli.report.document import RULE, Row, Table, runs
+from rths_cli.report.document import RULE, Block, Fixed, Row, Section, Table, runs
 
 UNSEEN = dict.fromkeys((*range(9), 11, 12, *range(14, 32), 127, *range(0xD800, 0xE000)), "�")
 IN_SCRIPT = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
@@ -74,6 +74,19 @@ def _row(kind: str, row: Row, shown: Table) -> Html:
         bar = {"class": "end"} if last in ends else {}
         parts.append(element(kind, typeset(cell) if kind == "th" else cell.strip(), attributes=span | bar))
     return element("tr", *parts)
+
+
+def blocks(section: Section) -> Html:
+    """Return a section: its tables, sentences as paragraphs, text that is laid out already."""
+    return join(_block(block) for block in section)
+
+
+def _block(block: Block) -> Html:
+    if isinstance(block, Table):
+        return table(block)
+    if isinstance(block, Fixed):
+        return element("pre", block.text)
+    return classed("p", "note", block.text if block.label is None else f"{block.label} {block.text}".strip())
 
 
 def framed(wide: Html) -> Html:

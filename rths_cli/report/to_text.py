@@ -9,6 +9,7 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import replace
 
 from rths_cli.report.document import Block, Document, Fixed, Line, Row, Section, Table, Verdict, runs
 
@@ -79,16 +80,27 @@ def wrapped(sentence: str, indent: int = 0) -> list[str]:
 
 def table_lines(table: Table) -> list[str]:
     """Return the lines of a table without title and notes; of a wide table, those of its parts."""
-    room = width() - table.indent
+    table, room = _with_room_for_marks(table), width() - table.indent
     labels = [table.corner, *(row.label for row in table.rows if row.cells)]
     longest, word = max(map(len, labels)), max((len(word) for label in labels for word in label.split()), default=0)
-    least = min(longest, max(word, room // LABEL_SHARE))
+    least = min(longest, max(min(word, room // 2), room // LABEL_SHARE))
     for label in (longest, least):
         for gap in GAPS:
             if label + _wide(table, gap) <= room:
                 return _part_lines(table, min(longest, room - _wide(table, gap)), gap)
     parts = _parts(table, room - least)
     return [line for part in parts for line in _part_lines(part, min(longest, room - _wide(part, GAPS[0])), GAPS[0])]
+
+
+def _with_room_for_marks(table: Table) -> Table:
+    """Return a table of which numbers without a mark have its room behind them, beside others that have one."""
+    marked = {k for row in table.rows for k, cell in enumerate(row.cells) if cell and cell.endswith("*")}
+
+    def cell(k: int, text: str | None) -> str | None:
+        return f"{text} " if k in marked and text is not None and not text.endswith("*") else text
+
+    rows = (replace(row, cells=tuple(cell(k, text) for k, text in enumerate(row.cells))) for row in table.rows)
+    return replace(table, rows=tuple(rows)) if marked else table
 
 
 def _parts(table: Table, room: int) -> Iterator[Table]:

@@ -1,4 +1,5 @@
-"""The output of each command in tests/golden: words and layout as they are, computed numbers as `#`.
+"""The output of each command in tests/golden: words as they are, computed numbers as `#`, which makes of their layout
+lines and order alone.
 
 A computed number is another one on another processor, in its third digit for an error of a test; a case's own figures
 and those of a building or a record are compared in full.
@@ -77,8 +78,9 @@ def masked(name: str, text: str) -> str:
         return f"<{len(kept) - 1}>"
 
     text = re.sub(AGREEING.get(name, "(?!)"), keep, text)
-    text = re.sub(rf"( {{2,}})({NUMBER}|-)(?=\s|$)", lambda m: f"{'':>{len(m[0]) - 1}}#", text)
-    return re.sub(r"<(\d)>", lambda m: kept[int(m[1])], re.sub(NUMBER, "#", text))
+    text = re.sub(rf"(?<= )({NUMBER}|-)(?=\s|\||$)", "#", text)
+    text = re.sub(r"<(\d)>", lambda m: kept[int(m[1])], re.sub(NUMBER, "#", text))
+    return re.sub(r"-{5,}", "-----", re.sub(r" {2,}", "  ", text))  # columns are as wide as their numbers
 
 
 def _label_alone(found: re.Match[str]) -> str:

@@ -20,7 +20,7 @@ from rths_cli.interrupts import interruptible
 from rths_cli.loop.lost_samples import without_samples
 from rths_cli.numerics.lti import Array, ComplexArray, Model
 from rths_cli.quantities.declaration import typeset
-from rths_cli.report.case_metric_tables import CAUSES, latency_text, named_causes
+from rths_cli.report.case_metric_tables import budget_table, latency, named_causes
 from rths_cli.report.document import grid
 from rths_cli.report.figures.figure_data import Pool, pack_floats
 from rths_cli.report.numbers import listed, percent, rounded, rounded_to_four, significant
@@ -48,22 +48,18 @@ from rths_cli.report.paper_tables import (
     Claim,
     Verdict,
     judge,
-    response_tables,
-    single_table,
-    tracking_tables,
 )
 from rths_cli.report.result_scale import scale_lines
-from rths_cli.report.result_tables import TRUE, WORDS, test_band
-from rths_cli.report.results_by_case import Entry, entries, sources
-from rths_cli.report.sweep_page import grid_points, page_without_grid_points
-from rths_cli.report.text_layout import Cell, Row, Table, remarks
-from rths_cli.report.to_html import Html, classed, data_script, details, element, framed, join, table
+from rths_cli.report.result_tables import error_tables, legend, remarks
+from rths_cli.report.results_by_case import Entry, entries
+from rths_cli.report.sweep_page import below_grid_points, grid_points
+from rths_cli.report.to_html import Html, blocks, classed, data_script, details, element, join, table
 
 GROUP = "identification"
 
 _ROOT_HEAD = ["Root of the table model", "frequency (Hz)", "damping ratio (%)"]
 JUDGED = {HELD: GOOD, NOT_HELD: BAD}
-KINDS = {"check": "pred.", "budget": "meas."}
+KINDS = ("check", "budget")
 TIMES = {
     "late_s": "start of the exchange, late by",
     "exchange_s": "exchange with the rig",
@@ -191,24 +187,10 @@ def _number(result: Result, name: str) -> float:
     return float(_read(result, name))
 
 
-def error_tables(cases: Sequence[Entry]) -> Html:
+def errors(cases: Sequence[Entry]) -> Html:
     """Return the error tables of the cases on one shake table, with the legend and remarks on runs that failed."""
-    found = (
-        [single_table(cases[0], "mm/s^2")] if len(cases) == 1 else [*tracking_tables(cases), *response_tables(cases)]
-    )
-    lines = [*sources(cases), test_band(cases), *([TRUE] if cases[0].virtual else []), WORDS, *remarks(cases)]
-    return join([*(as_html(one) for one in found), *(classed("p", "note", line) for line in lines)])
-
-
-def as_html(shown: Table) -> Html:
-    """Return a table with its title, with bars as in the text form."""
-    corners = [""] * (len(shown.headers) - 1) + [shown.corner]
-    heads = (_row("th", corner, cells, shown) for corner, cells in zip(corners, shown.headers, strict=True))
-    rows = (_row("td", row.label, row.cells, shown) if row.cells else _heading(row, shown) for row in shown.rows)
-    title = typeset(shown.title)
-    about = {"class": "figures", "aria-label": title}
-    body = element("table", element("thead", *heads), element("tbody", *rows), attributes=about)
-    return join([element("h4", title), framed(body)])
+    lines = (classed("p", "note", line) for line in (*legend(cases), *remarks(cases)))
+    return join([*map(table, error_tables(cases, "mm/s^2")), *lines])
 
 
 def claims(cases: Sequence[Entry]) -> Html:
@@ -239,23 +221,6 @@ def _count(source: str, found: Sequence[Verdict]) -> Iterator[Html]:
         yield join([pill(OPEN, f"{source}: {UNJUDGED} in {len(mine) - len(judged)}"), " "])
 
 
-def _row(kind: str, label: str, cells: Sequence[Cell], shown: Table) -> Html:
-    """Return a row; the last cell of each group has a bar."""
-    ends = {sum(shown.groups[: place + 1]) for place in range(len(shown.groups))}
-    parts, column = [element("th", label, attributes={"scope": "row"} if kind == "td" else None)], 0
-    for cell in cells:
-        column += cell.span
-        span = {"colspan": str(cell.span)} if cell.span > 1 else {}
-        bar = {"class": "end"} if column in ends else {}
-        parts.append(element(kind, f"{cell.text}{cell.mark}".strip(), attributes=span | bar))
-    return element("tr", *parts)
-
-
-def _heading(row: Row, shown: Table) -> Html:
-    attributes = {"colspan": str(sum(shown.groups) + 1), "class": "heading"}
-    return element("tr", element("th", element("span", row.label), attributes=attributes))
-
-
 def every_figure(entry: Entry) -> Html:
     """Return a table of all metrics of a case: path, unit, values by method, definition."""
     methods = entry.results
@@ -266,31 +231,11 @@ def every_figure(entry: Entry) -> Html:
 
 def by_cause(result: Result) -> Html:
     """Return the error of EXP-RTHS by cause in mm/s², predicted and measured; "" if neither is known."""
-    kinds = [kind for kind in KINDS if f"{kind}.rms_error_coupling_m_s2" in result.metrics]
-    if not kinds:
+    if not any(f"{kind}.rms_error_coupling_m_s2" in result.metrics for kind in KINDS):
         return Html("")
-    storeys = np.atleast_1d(result.metrics[f"{kinds[0]}.rms_error_coupling_m_s2"]).size
-    columns = ["tracking", *(f"storey {storey}" for storey in range(1, storeys + 1))]
-    heads = (
-        tuple(Cell(column, len(kinds)) for column in columns),
-        tuple(Cell(KINDS[kind]) for kind in kinds) * len(columns),
-    )
-    rows = [
-        Row(label, tuple(Cell(text) for text in _causes(result, kinds, cause, storeys)))
-        for cause, label in {**CAUSES, "": "together"}.items()
-    ]
-    shown = tuple(row for row in rows if any(cell.text != "-" for cell in row.cells))
-    virtual = "; virtual" if is_virtual(result) else ""
-    title = f"Error by cause (RMS, mm/s^2, test band{virtual})"
+    whole = table(budget_table(result.metrics, what="; virtual" if is_virtual(result) else ""))
     named = named_causes(result)
-    whole = as_html(Table(title, "", (len(kinds),) * len(columns), 10, heads, shown))
     return join([whole, element("p", named)]) if named else whole
-
-
-def latency(result: Result) -> Html:
-    """Return the latency budget as on the terminal; "" if it is not known."""
-    text = latency_text(result.metrics)
-    return framed(element("pre", text)) if text else Html("")
 
 
 def timing(result: Result) -> Html:
@@ -343,21 +288,11 @@ def _listed(result: Result, path: str) -> str:
     return listed(result.metrics.get(path, np.nan), result.intervals.get(path), rounded_to_four, between="  ")
 
 
-def _causes(result: Result, kinds: list[str], cause: str, storeys: int) -> Iterator[str]:
-    for column in range(storeys + 1):
-        for kind in kinds:
-            figure = "rms_error" if column else "tracking_rms"
-            source = "exp_rths" if kind == "budget" and not cause else kind
-            values = result.metrics.get(f"{source}.{figure}{'_' if cause else ''}{cause}_m_s2")
-            yield "-" if values is None else f"{1e3 * float(np.atleast_1d(values)[max(column - 1, 0)]):.3f}"
-
-
 def study_section(path: Path, sweep: Sweep) -> Html:
     """Return the section of a sweep, given with its file."""
-    told = element("pre", page_without_grid_points(sweep, path).strip("\n"))
-    parts = [*_figures(sweep), element("h3", "Summary"), told]
+    parts = [*_figures(sweep), element("h3", "Summary"), *map(blocks, below_grid_points(sweep, path))]
     if points := grid_points(sweep):
-        parts += [element("h3", "Grid points"), element("pre", points.rstrip("\n"))]
+        parts += [element("h3", "Grid points"), blocks(points)]
     if sweep.study_yaml:
         parts.append(details("The study", element("pre", sweep.study_yaml)))
     parts.append(details("The case that is varied", element("pre", sweep.case_yaml)))
@@ -493,7 +428,7 @@ def _errors(cases: Sequence[Entry]) -> list[Html]:
         if not any({*WITH_ERRORS} & {*r.groups} for entry in members for r in entry.results.values()):
             found.append(element("p", f"No run on {name} has errors."))
             continue
-        found.append(error_tables(members))
+        found.append(errors(members))
         if any(entry.published or entry.reference_title for entry in members):
             found += [element("h3", f"The paper's claims, on {name}"), claims(members)]
     return found
@@ -533,8 +468,8 @@ def _result(result: Result) -> Iterator[Html]:
     yield by_cause(result)
     yield timing(result)
     yield identification(result)
-    loop = latency(result)
-    yield details("Latency of the loop", loop) if loop else Html("")
+    loop = latency(result.metrics)
+    yield details("Latency of the loop", blocks(loop)) if loop else Html("")
     yield case_files(result)
 
 

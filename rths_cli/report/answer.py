@@ -66,23 +66,23 @@ def answers(results: Sequence[Result], columns: int = WIDTH, whole: bool = False
 
 def _answer(result: Result, whole: bool) -> Document:
     """Return the sections of one answer: test and verdict, storeys, what else is to be said."""
-    head = [_line(f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}")]
-    head += [_line(verdict(result)), *map(_line, scale_lines([result]))]
+    head = [Line(f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}")]
+    head += [_verdict_line(verdict(result)), *map(Line, scale_lines([result]))]
     table = _table(result)
     if table and result.attributes.get("exp_rths_status") not in (None, "complete"):
-        head.append(_line("Storeys and base shear below are computed (SIM): no hybrid test was completed."))
+        head.append(Line("Storeys and base shear below are computed (SIM): no hybrid test was completed."))
     diverged = (
         f"{_diverged(result)}." if grade(result) is None and _diverged(result) else ""
     )  # else the verdict says it
     of_building = base_shear(result), storeys_with_laws(result)
-    told = [_line(sentence) for sentence in (*of_building, fidelity(result), diverged) if sentence]
-    above, last = [head, [table]] if table else [head], _line(_next(result))
+    told = [Line(sentence) for sentence in (*of_building, fidelity(result), diverged) if sentence]
+    above, last = [head, [table]] if table else [head], Line(_next(result))
     room = MOST_LINES - text([*above, [*told, last]]).count("\n")
     return [*above, [*told, *_told_notes([result], room, whole), last]]
 
 
-def _line(sentence: str) -> Line:
-    """Return a sentence, of which what stands before a colon may be a verdict."""
+def _verdict_line(sentence: str) -> Line:
+    """Return the sentence of a verdict, which stands before its first colon."""
     return Line(sentence, verdict=sentence.partition(":")[0])
 
 
@@ -217,12 +217,12 @@ def _comparison(results: Sequence[Result], whole: bool) -> list[Block]:
         (Column("base shear", peaks, "N"), [_of_base(one) for one in results]),
     ]
     told = [
-        _line(f"{result.path.stem}: {verdict(result)}")
+        Line(f"{result.path.stem}: {verdict(result)}")
         for result, found in zip(results, grades, strict=True)
         if found is None or result.attributes.get("status_reason")
     ]
-    above: list[Block] = [by_columns("case", names, columns), *told, *map(_line, scale_lines(results))]
-    last = [_line(_said_of_all(results, grades)), _line(_next_of(results))]
+    above: list[Block] = [by_columns("case", names, columns), *told, *map(Line, scale_lines(results))]
+    last = [Line(_said_of_all(results, grades)), Line(_next_of(results))]
     room = MOST_LINES_OF_SEVERAL - text([[*above, *last]]).count("\n")
     return [*above, *_told_notes(results, room, whole), *last]
 

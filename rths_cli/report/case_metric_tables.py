@@ -374,4 +374,4 @@ def every_figure(entry: Entry) -> Iterator[Table]:
 
 
 def _fidelity_values(result: Result, path: str) -> str:
-    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), rounded_to_four)
+    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), rounded_to_four, between="  ")

@@ -464,11 +464,12 @@ CLAIMS = (
 
 def claims_tables(cases: Sequence[Entry]) -> Iterator[Table]:
     """Yield a table for each claim with comparisons among these cases: where, verdicts, compared metrics."""
+    columns = tuple(Column(head, words=True) for head in HEADS)
     for place, claim in enumerate(CLAIMS, 1):
-        rows = tuple(_rows(claim, cases))
-        if rows:
-            title = f"Claim {place} of the paper: {claim.text} (m/s^2, test band); {cases[0].table_name}"
-            yield Table(tuple(Column(head, words=True) for head in HEADS), rows, title, "where")
+        if rows := tuple(_rows(claim, cases)):
+            title = f"Claim {place} of the paper (m/s^2, test band); {cases[0].table_name}"
+            note = f"{place}. {claim.text}: {_count(judge(claim, cases, ''))}."
+            yield Table(columns, rows, title, "where", (note,))
 
 
 def _rows(claim: Claim, cases: Sequence[Entry]) -> Iterator[Row]:

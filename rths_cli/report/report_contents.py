@@ -24,7 +24,6 @@ from rths_cli.report.group_comparison import (
 from rths_cli.report.input_files import Inputs, Unread, doubled, other_units
 from rths_cli.report.result_tables import document, listed
 from rths_cli.report.sweep_page import sections
-from rths_cli.report.to_text import text
 
 
 @dataclass(frozen=True)
@@ -97,9 +96,9 @@ def _compared(baseline: tuple[str, Inputs, float] | None, results: Sequence[Resu
     return Baseline(source, percent, tuple(against(results, read.results, percent)))
 
 
-def comparison_text(found: Contents) -> str:
-    """Return groups, repeats, baseline and faults of the files as text; sweeps have sections of their own in a page."""
-    return text([*_comparisons(found), *_faulty(found)])
+def comparison(found: Contents) -> Document:
+    """Return groups, repeats, baseline and faults of the files; sweeps have sections of their own in a page."""
+    return [*_comparisons(found), *_faulty(found)]
 
 
 def all_sections(found: Contents, laid_out: bool, paper: bool = False) -> Document:

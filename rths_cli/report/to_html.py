@@ -72,7 +72,7 @@ def _row(kind: str, row: Row, shown: Table) -> Html:
     for first, last, cell in runs(row.cells):
         span = {"colspan": str(last - first + 1)} if last > first else {}
         bar = {"class": "end"} if last in ends else {}
-        parts.append(element(kind, typeset(cell) if kind == "th" else cell.strip(), attributes=span | bar))
+        parts.append(element(kind, typeset(cell.strip()), attributes=span | bar))
     return element("tr", *parts)
 
 
@@ -86,7 +86,8 @@ def _block(block: Block) -> Html:
         return table(block)
     if isinstance(block, Fixed):
         return element("pre", block.text)
-    return classed("p", "note", block.text if block.label is None else f"{block.label} {block.text}".strip())
+    told = block.text if block.label is None else f"{block.label} {block.text}".strip()
+    return classed("p", "note", told) if told else Html("")
 
 
 def framed(wide: Html) -> Html:

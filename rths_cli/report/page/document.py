@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from itertools import groupby
@@ -15,40 +16,27 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import written_whole
 from rths_cli.files.result_reader import Result, read_series
+from rths_cli.files.stored_case import stored_case
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.interrupts import interruptible
 from rths_cli.loop.lost_samples import without_samples
-from rths_cli.numerics.lti import Array, ComplexArray, Model
-from rths_cli.quantities.declaration import typeset
-from rths_cli.report.case_metric_tables import budget_table, latency, named_causes
-from rths_cli.report.document import grid
-from rths_cli.report.figures.figure_data import Pool, pack_floats
-from rths_cli.report.numbers import listed, percent, rounded, rounded_to_four, significant
+from rths_cli.numerics.lti import Array, Model
+from rths_cli.report.case_metric_tables import budget_table, every_figure, latency, named_causes
+from rths_cli.report.document import Document, grid
+from rths_cli.report.figures.figure_data import Pool, pack_floats, phases
+from rths_cli.report.numbers import percent, rounded, significant
 from rths_cli.report.page import histories, overview
 from rths_cli.report.page.overview import (
-    BAD,
-    GOOD,
-    OPEN,
     case_files,
     commands,
-    facts,
     is_virtual,
     name_of,
-    pill,
     provenance,
     status,
     summary,
     verdict_table,
 )
-from rths_cli.report.paper_tables import (
-    CLAIMS,
-    HELD,
-    NOT_HELD,
-    UNJUDGED,
-    Claim,
-    Verdict,
-    judge,
-)
+from rths_cli.report.paper_tables import claims_tables
 from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.result_tables import error_tables, legend, remarks
 from rths_cli.report.results_by_case import Entry, entries
@@ -58,7 +46,6 @@ from rths_cli.report.to_html import Html, blocks, classed, data_script, details,
 GROUP = "identification"
 
 _ROOT_HEAD = ["Root of the table model", "frequency (Hz)", "damping ratio (%)"]
-JUDGED = {HELD: GOOD, NOT_HELD: BAD}
 KINDS = ("check", "budget")
 TIMES = {
     "late_s": "start of the exchange, late by",
@@ -121,13 +108,6 @@ def response(result: Result) -> dict[str, str] | None:
     return {name: pack_floats(values) for name, values in series.items()}
 
 
-def phases(measured: ComplexArray, modelled: ComplexArray) -> tuple[Array, Array]:
-    """Return the phases (n,) in degrees: the model's unwrapped, the measured one nearest to it."""
-    unwrapped = np.unwrap(np.angle(modelled))
-    unwrapped += 2.0 * np.pi * (unwrapped[:1] < -0.5 * np.pi)  # near 0 Hz an acceleration is 180 deg before its cause
-    return np.degrees(unwrapped + np.angle(measured / modelled)), np.degrees(unwrapped)
-
-
 def model(result: Result) -> Model:
     """Return the table model that the controllers of a result used."""
     return Model(
@@ -137,10 +117,17 @@ def model(result: Result) -> Model:
         delay_s=_number(result, "delay_s"),
         band_hz=(0.0, 0.0),
         ripple_m_s2_per_v=_number(result, "ripple_m_s2_per_v"),
-        latency_samples=facts(result).latency_samples,
+        latency_samples=_latency_samples(result),
         dt_s=1.0 / result.sample_rate_hz,
         coupling_hz=_number(result, "coupling_hz"),
     )
+
+
+def _latency_samples(result: Result) -> int:
+    table = stored_case(result).get("table")
+    converters = table.get("converters") if isinstance(table, dict) else None
+    latency = converters.get("latency_samples", 1) if isinstance(converters, dict) else 1
+    return latency if isinstance(latency, int) else 1
 
 
 def identification(result: Result) -> Html:
@@ -195,38 +182,11 @@ def errors(cases: Sequence[Entry]) -> Html:
 
 def claims(cases: Sequence[Entry]) -> Html:
     """Return the counted verdicts on the paper's claims, with all comparisons folded."""
-    return join(_claim(place, claim, cases) for place, claim in enumerate(CLAIMS, 1))
-
-
-def _claim(place: int, claim: Claim, cases: Sequence[Entry]) -> Html:
-    found = judge(claim, cases, "")
-    if not found:
-        return Html("")
-    counts = element(
-        "div", *(part for source in dict.fromkeys(v.source for v in found) for part in _count(source, found))
+    return join(
+        join([*(element("p", element("strong", note)) for note in one.notes), details("comparisons", table(whole))])
+        for one in claims_tables(cases)
+        for whole in [replace(one, notes=())]
     )
-    rows = ([v.where, v.source, v.verdict, v.because] for v in found)
-    heads = ["where", "source", "verdict", "metrics compared, measured (m/s^2)"]
-    compared = table(grid([heads, *rows], words=True))
-    return join([element("p", element("strong", f"{place}. {claim.text}")), counts, details("comparisons", compared)])
-
-
-def _count(source: str, found: Sequence[Verdict]) -> Iterator[Html]:
-    mine = [verdict.verdict for verdict in found if verdict.source == source]
-    judged = [word for word in mine if word in JUDGED]
-    for word, kind in JUDGED.items():
-        if word in judged:
-            yield join([pill(kind, f"{source}: {word} in {judged.count(word)} of {len(judged)}"), " "])
-    if len(judged) < len(mine):
-        yield join([pill(OPEN, f"{source}: {UNJUDGED} in {len(mine) - len(judged)}"), " "])
-
-
-def every_figure(entry: Entry) -> Html:
-    """Return a table of all metrics of a case: path, unit, values by method, definition."""
-    methods = entry.results
-    paths = sorted({path for result in methods.values() for path in result.metrics})
-    heads = ["metric", "unit", *methods, "definition"]
-    return table(grid([heads, *(_figure(path, methods) for path in paths)], words=True))
 
 
 def by_cause(result: Result) -> Html:
@@ -278,16 +238,6 @@ def _noted(result: Result, name: str) -> Array | None:
         return None
 
 
-def _figure(path: str, methods: Mapping[str, Result]) -> list[str]:
-    having = next(result for result in methods.values() if path in result.metrics)
-    values = (_listed(result, path) for result in methods.values())
-    return [path, typeset(having.units.get(path, "")), *values, having.definitions.get(path, "")]
-
-
-def _listed(result: Result, path: str) -> str:
-    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), rounded_to_four, between="  ")
-
-
 def study_section(path: Path, sweep: Sweep) -> Html:
     """Return the section of a sweep, given with its file."""
     parts = [*_figures(sweep), element("h3", "Summary"), *map(blocks, below_grid_points(sweep, path))]
@@ -331,7 +281,7 @@ def write_page(
     results: Sequence[Result],
     path: Path,
     command_line: str,
-    comparison: str = "",
+    comparison: Document = (),
     sweeps: Sequence[tuple[Path, Sweep]] = (),
 ) -> None:
     """Write the page of results and sweeps; equal results and command lines give equal bytes.
@@ -348,12 +298,12 @@ def write_page(
 
 
 def page(
-    results: Sequence[Result], command_line: str, comparison: str = "", sweeps: Sequence[tuple[Path, Sweep]] = ()
+    results: Sequence[Result], command_line: str, comparison: Document = (), sweeps: Sequence[tuple[Path, Sweep]] = ()
 ) -> str:
     """Return the page of results and sweeps as HTML; raises InputError without any.
 
-    `command_line`: the command that makes the page; `comparison`: text that compares the results; `sweeps`: each with
-    its file.
+    `command_line`: the command that makes the page; `comparison`: sections that compare the results; `sweeps`: with
+    their files.
     """
     studies = [study_section(path, sweep) for path, sweep in sweeps]
     if studies and not results:
@@ -373,11 +323,10 @@ def page(
     return _whole(title, body, data_script("rths-data", _data(ordered)))
 
 
-def _comparison(text: str) -> tuple[Html, ...]:
-    """Return a section with text that is laid out already; () without text."""
-    if not text.strip():
-        return ()
-    return (element("section", element("h2", "Comparison"), element("pre", text), attributes={"id": "comparison"}),)
+def _comparison(document: Document) -> tuple[Html, ...]:
+    """Return the section that compares results; () without one."""
+    told = [blocks(section) for section in document]
+    return (element("section", element("h2", "Comparison"), *told, attributes={"id": "comparison"}),) if told else ()
 
 
 def _subject(cases: Sequence[Entry], results: Sequence[Result]) -> str:
@@ -459,7 +408,7 @@ def _case(entry: Entry, unfolded: bool) -> Html:
     names = dict.fromkeys(str(result.attributes.get("case_name") or "-") for result in entry.results.values())
     what = f"{', '.join(names)}: {entry.excitation}, damping {entry.damping}, {entry.controller}; {entry.table_name}"
     parts = [part for result in entry.results.values() for part in _result(result)]
-    figures = details("Every metric with its definition", every_figure(entry))
+    figures = details("Every metric with its definition", *map(table, every_figure(entry)))
     return details(what, *parts, figures, unfolded=unfolded)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +12,7 @@ from rths_cli.files.result_reader import Result
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import metric
 from rths_cli.report.document import RULE, Block, Column, Document, Line, Row, Table
-from rths_cli.report.numbers import listed, rounded_to_four, with_uncertainty
+from rths_cli.report.numbers import listed, milliseconds, rounded, with_uncertainty
 from rths_cli.report.results_by_case import Entry, mark, ratio, state, storeys
 from rths_cli.report.to_text import width
 
@@ -168,11 +169,13 @@ def latency(metrics: Metrics) -> list[Block]:
     columns += [Column(heads[place], ("left",)) for place in shown]
     rows = []
     for name, label in ITEMS.items():
-        delay, stays = _latency_values(metrics, f"latency.{name}_s"), _latency_values(metrics, f"latency.{name}_left_s")
-        rows.append(Row(label, (*_ms(delay), _taken_out_by(name, metrics), *_ms(stays[shown]))))
+        delay, stays = (_latency_values(metrics, f"latency.{name}{ending}") for ending in ("_s", "_left_s"))
+        cells = [*map(milliseconds, delay), _taken_out_by(name, metrics), *map(milliseconds, stays[shown])]
+        rows.append(Row(label, tuple(cells)))
     rows.append(RULE)
     for name, label in SUMS.items():
-        rows.append(Row(label, (*_ms(_latency_values(metrics, f"latency.{name}_s")), *[""] * (1 + len(shown)))))
+        total = map(milliseconds, _latency_values(metrics, f"latency.{name}_s"))
+        rows.append(Row(label, (*total, *[""] * (1 + len(shown)))))
     title = "Latency of the loop (ms by frequency; negative is early)"
     return [Table(tuple(columns), tuple(rows), title), Line(_identified(metrics))]
 
@@ -183,11 +186,6 @@ def _latency_values(metrics: Metrics, path: str) -> Array:
 
 def _number(metrics: Metrics, path: str) -> float:
     return float(_latency_values(metrics, path)[0])
-
-
-def _ms(seconds: Array) -> list[str]:
-    """Return times (n,) in s as texts in ms with three decimals, without a minus sign before zero."""
-    return [f"{round(1e3 * value, 3) + 0.0:.3f}" for value in seconds]
 
 
 def _taken_out_by(name: str, metrics: Metrics) -> str:
@@ -285,18 +283,11 @@ def _values(result: Result, kinds: Mapping[str, str], unit: str) -> str:
 def _listed(result: Result, path: str, unit: str) -> str:
     if path not in result.metrics:
         return "-"
-    return listed(result.metrics[path], result.intervals.get(path), _milliseconds if unit == "s" else _plain)
-
-
-def _milliseconds(value: float) -> str:
-    return f"{round(1e3 * value, 3) + 0.0:.3f}"
+    return listed(result.metrics[path], result.intervals.get(path), milliseconds if unit == "s" else _plain)
 
 
 def _plain(value: float) -> str:
-    if not np.isfinite(value):
-        return "-"
-    near_one = 0.0 < abs(value - 1.0) < 1e-3  # a radius of 0.99996 is not 1
-    return f"{float(value):.{7 if near_one else 4}g}"
+    return rounded(value, 7 if 0.0 < abs(value - 1.0) < 1e-3 else 4)  # a radius of 0.99996 is not 1
 
 
 def merit_table(cases: Sequence[Entry]) -> Table:
@@ -350,7 +341,7 @@ def _cell(value: float | str, mark: str) -> str:
 def _cells(result: Result) -> Iterator[str]:
     for path, factor in COLUMNS.values():
         value = state(result, path)
-        yield value if isinstance(value, str) else f"{rounded_to_four(factor * value)}{mark(result, path)}"
+        yield value if isinstance(value, str) else f"{rounded(factor * value, 4)}{mark(result, path)}"
 
 
 def _notes() -> Iterator[str]:
@@ -374,4 +365,6 @@ def every_figure(entry: Entry) -> Iterator[Table]:
 
 
 def _fidelity_values(result: Result, path: str) -> str:
-    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), rounded_to_four, between="  ")
+    return listed(
+        result.metrics.get(path, np.nan), result.intervals.get(path), partial(rounded, digits=4), between="  "
+    )

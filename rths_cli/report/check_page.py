@@ -243,7 +243,7 @@ def _tangents(values: Values, names: Sequence[str]) -> list[Block]:
     rows = [["", "spectral radius", "tolerated %", "required %", "delay, ms", "critical, ms", "verdict"]]
     for i, name in enumerate(names):
         of = {key: float(values[f"check.tangent_{key}"][i]) for key in TANGENT_COLUMNS}
-        numbers = [significant(of[key] * scale) if np.isfinite(of[key]) else DASH for key, scale in TANGENT_SCALES]
+        numbers = [significant(of[key] * scale) for key, scale in TANGENT_SCALES]
         rows.append([name, f"{of['spectral_radius']:.6f}", *numbers, "not safe" if of["faults"] else "safe"])
     ends = [1e3 * _one(values, f"critical_delay_{end}_s") for end in ("least", "most")]
     told = [rounded(end) if np.isfinite(end) else "any" for end in ends]
@@ -261,7 +261,7 @@ def _simulated(values: Values) -> list[Block]:
     rows = [["", *(f"storey {i}" for i in range(1, len(values["check.ductility"]) + 1))]]
     for label, leaf, scale in SIMULATED:
         row = scale * values[f"check.{leaf}"]
-        rows.append([label, *(significant(one) if np.isfinite(one) else DASH for one in row)])
+        rows.append([label, *map(significant, row)])
     return [
         labelled(
             "simulated test", "with the laws, on the identified rig; the peaks above and the errors below are its"

@@ -330,17 +330,11 @@ def _repeat_rows(one: Repeats) -> Iterator[Row]:
     yield Row(f"{one.case}, {one.where}: {ends}{twice}")
     for place in in_order(one.figures):
         found = one.figures[place]
-        yield Row(place_name(place), (str(found.n), *map(_text, _values(found))))
+        yield Row(place_name(place), (str(found.n), *map(six_wide, _values(found))))
 
 
 def _values(found: Statistics) -> tuple[float, ...]:
     return found.mean, found.std, found.minimum, found.maximum, found.low, found.high
-
-
-def _text(value: float) -> str:
-    if not np.isfinite(value):
-        return "-"
-    return six_wide(value) if value >= 0 else f"-{six_wide(-value)}"
 
 
 @dataclass(frozen=True)

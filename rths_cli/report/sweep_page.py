@@ -410,7 +410,7 @@ def _rows(point: Point, storeys: int) -> Iterator[Row]:
 
 
 def _cells(errors: Array) -> tuple[str, ...]:
-    return tuple(six_wide(value) if np.isfinite(value) else "-" for value in errors)
+    return tuple(map(six_wide, errors))
 
 
 def _more_points(sweep: Sweep) -> list[str]:

@@ -194,10 +194,10 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
         write_text(asked.junit, junit(found.inputs.results, found.unread, (), changes))
     if asked.table == "html":
         from rths_cli.report.page import write_page
-        from rths_cli.report.report_contents import comparison_text
+        from rths_cli.report.report_contents import comparison
 
         assert asked.output is not None  # check_asked
-        write_page(found.inputs.results, asked.output, command_line(), comparison_text(found), found.inputs.sweeps)
+        write_page(found.inputs.results, asked.output, command_line(), comparison(found), found.inputs.sweeps)
     elif asked.output:
         write_text(asked.output, rendered(asked, found))
     else:

@@ -4,7 +4,6 @@ stderr."""
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import sys
 import time
@@ -32,13 +31,6 @@ COLOURS = {
     "red": ("POOR", "poor", "REFUSED", "ABORTED", "FAILED", "INTERRUPTED", "unstable", "rejected", "no"),
 }
 """Verdicts by colour."""
-VERDICT = re.compile(
-    r"^([A-Z][A-Z ]+)(?=:)"  # of a run: GOOD: error 0.1 % ...
-    r"|(?<=^verdict {17})(\w+)"  # of a check or an identification
-    r"|(?<=\d  )( *(?:yes|no))$"  # of a rate: held
-    r"|(?<= )(good|usable|poor)(?=  )",  # of several runs
-    re.MULTILINE,
-)
 BAR = 30  # characters of the progress bar
 
 
@@ -49,11 +41,12 @@ def page_width() -> int:
 
 def show_page(make: Callable[[], str]) -> None:
     """Print a page that is made now, as wide as the terminal, its verdicts in colour."""
-    from rths_cli.report.text_layout import laid_out_in
+    from rths_cli.report.to_text import laid_out_in
 
-    with laid_out_in(page_width()):
+    in_colour = coloured(sys.stdout)
+    with laid_out_in(page_width(), marked=in_colour):
         text = make()
-    if coloured(sys.stdout):
+    if in_colour:
         write_coloured(sys.stdout, text)
     else:
         click.echo(text, nl=False)
@@ -65,15 +58,17 @@ def coloured(stream: TextIO) -> bool:
 
 
 def write_coloured(stream: TextIO, text: str) -> None:
-    """Write a text with its verdicts in colour; control characters of the text itself become visible, as ever."""
+    """Write a text with its marked verdicts in colour; control characters of the text itself become visible."""
+    from rths_cli.report.to_text import MARKS
+
     colours = {word: colour for colour, words in COLOURS.items() for word in words}
-
-    def styled(found: re.Match[str]) -> str:
-        colour = colours.get(found[0].strip())
-        return click.style(found[0], fg=colour) if colour else found[0]
-
+    first, *others = text.split(MARKS[0])
     terminal = getattr(stream, "unfiltered", stream)
-    terminal.write(VERDICT.sub(styled, visible(text)))
+    terminal.write(visible(first))
+    for other in others:
+        verdict, _, rest = other.partition(MARKS[1])
+        colour, shown = colours.get(verdict), visible(verdict)
+        terminal.write((click.style(shown, fg=colour) if colour else shown) + visible(rest))
     terminal.flush()
 
 

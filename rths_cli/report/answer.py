@@ -7,7 +7,6 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -29,13 +28,14 @@ from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.files.stored_case import stored_case
 from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.report.case_metric_tables import CAUSES
+from rths_cli.report.document import Block, Column, Document, Fixed, Line, Table, Verdict, by_columns
 from rths_cli.report.numbers import three
 from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.results_by_case import TABLE_RUNS, judge
+from rths_cli.report.to_text import WIDTH, laid_out_in, text, width, wrapped
 
 MOST_STOREYS = 5  # of which all are shown; of taller buildings the three that drift most, and the roof
-WIDEST, NARROW = 100, 60  # columns
-COLUMN = 11  # at most, where all columns fit; at least as wide as its words
+NARROW = 60  # columns
 MOST_LINES, MOST_LINES_OF_SEVERAL = 25, 40  # of an answer, before its notes are shortened
 LEAST_LINES_OF_NOTES = 4
 MOST_NAMES = 3  # of cases before a note
@@ -48,36 +48,42 @@ OF_DECLARATION = "specimen other than declared"  # begins the cause by which the
 IF_DECLARED = "if sensors and masses are as declared"
 
 
-def answer(result: Result, width: int = WIDEST, whole: bool = False) -> str:
-    """Return the answer of one result as text, some fifteen lines of at most `width` columns.
+def answer(result: Result, columns: int = WIDTH, whole: bool = False) -> str:
+    """Return the answer of one result as text, some fifteen lines of at most `columns` columns.
 
     `whole`: every note as it is stored, however long the answer becomes.
     """
-    width = min(max(width, NARROW), WIDEST)
-    head = f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}"
-    lines = [*_wrapped(head, width), *_wrapped(verdict(result), width)]
-    lines += [line for told in scale_lines([result]) for line in _wrapped(told, width)]
-    tables = list(_tables(result, width))
-    if tables and result.attributes.get("exp_rths_status") not in (None, "complete"):
-        lines += _wrapped("Storeys and base shear below are computed (SIM): no hybrid test was completed.", width)
-    for table in tables:
-        lines += ["", *table]
+    return answers([result], columns, whole)
+
+
+def answers(results: Sequence[Result], columns: int = WIDTH, whole: bool = False) -> str:
+    """Return the answer of one result, or the comparison of several: a row for each. `whole` as for one."""
+    if not results:
+        return ""
+    with laid_out_in(min(max(columns, NARROW), WIDTH)):
+        return text(_answer(results[0], whole) if len(results) == 1 else [_comparison(results, whole)])
+
+
+def _answer(result: Result, whole: bool) -> Document:
+    """Return the sections of one answer: test and verdict, storeys, what else is to be said."""
+    head = [Line(f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}")]
+    head += [_verdict_line(verdict(result)), *map(Line, scale_lines([result]))]
+    table = _table(result)
+    if table and result.attributes.get("exp_rths_status") not in (None, "complete"):
+        head.append(Line("Storeys and base shear below are computed (SIM): no hybrid test was completed."))
     diverged = (
         f"{_diverged(result)}." if grade(result) is None and _diverged(result) else ""
     )  # else the verdict says it
     of_building = base_shear(result), storeys_with_laws(result)
-    told = [sentence for sentence in (*of_building, fidelity(result), diverged) if sentence]
-    lines += ["", *(line for sentence in told for line in _wrapped(sentence, width))] if told else []
-    last = _wrapped(_next(result), width)
-    room = MOST_LINES - len(lines) - len(last)
-    return "\n".join([*lines, *_told_notes([result], width, room, whole), *last]) + "\n"
+    told = [Line(sentence) for sentence in (*of_building, fidelity(result), diverged) if sentence]
+    above, last = [head, [table]] if table else [head], Line(_next(result))
+    room = MOST_LINES - text([*above, [*told, last]]).count("\n")
+    return [*above, [*told, *_told_notes([result], room, whole), last]]
 
 
-def answers(results: Sequence[Result], width: int = WIDEST, whole: bool = False) -> str:
-    """Return the answer of one result, or the comparison of several: a row for each. `whole` as for one."""
-    if len(results) == 1:
-        return answer(results[0], width, whole)
-    return "\n".join(_comparison(results, min(max(width, NARROW), WIDEST), whole)) + "\n" if results else ""
+def _verdict_line(sentence: str) -> Line:
+    """Return the sentence of a verdict, which stands before its first colon."""
+    return Line(sentence, verdict=sentence.partition(":")[0])
 
 
 class Note(NamedTuple):
@@ -126,30 +132,30 @@ def _of_cases(group: Sequence[Note], count: int) -> str:
     return f"{of}: {first.text}" if len(group) == 1 else f"{of} (figures of {first.cases[0]}): {first.text}"
 
 
-def _told_notes(results: Sequence[Result], width: int, room: int, whole: bool) -> list[str]:
-    """Return the lines of the notes: alike ones of several cases as one; where they need more than `room` lines, the
-    last ones are cut first, and what has no room at all is left out, which is said. `whole`: each note as it is."""
+def _told_notes(results: Sequence[Result], room: int, whole: bool) -> list[Block]:
+    """Return the notes: alike ones of several cases as one; where they need more than `room` lines, the last ones are
+    cut first, and what has no room at all is left out, which is said. `whole`: each note as it is."""
     found = notes(results)
     told = [str(note) for note in found] if whole else _alike(found, len(results))
-    lines = [_wrapped(f"note: {note}", width) for note in told]
+    lines = [wrapped(f"note: {note}", 2) for note in told]
     room = max(room, LEAST_LINES_OF_NOTES)
     if not whole and sum(map(len, lines)) > room:
         lines, left = lines[: room - 1], max(len(lines) - (room - 1), 0)
         for place in reversed(range(len(lines))):
             others = sum(map(len, lines)) - len(lines[place])
-            lines[place] = _cut(lines[place], max(room - 1 - others, 1), width)
+            lines[place] = _cut(lines[place], max(room - 1 - others, 1))
         more = f", {left} more left out" if left else ""
-        lines.append(_wrapped(f"(notes shortened{more}; rths run --full prints them whole)", width))
-    return [line for note in lines for line in note]
+        lines.append(wrapped(f"(notes shortened{more}; rths run --full prints them whole)", 2))
+    return [Fixed("\n".join(note)) for note in lines]
 
 
-def _cut(lines: list[str], most: int, width: int) -> list[str]:
+def _cut(lines: list[str], most: int) -> list[str]:
     """Return the first lines of a note, which say that more follows."""
     if len(lines) <= most:
         return lines
     rest = " ".join(line.strip() for line in lines[most - 1 :])
     indent = " " * (len(lines[most - 1]) - len(lines[most - 1].lstrip()))
-    return [*lines[: most - 1], indent + textwrap.shorten(rest, width - len(indent), placeholder=" ...")]
+    return [*lines[: most - 1], indent + textwrap.shorten(rest, width() - len(indent), placeholder=" ...")]
 
 
 def _peaks_off(result: Result) -> list[str]:
@@ -198,35 +204,27 @@ def one_line(result: Result) -> str:
     return f"{name}: {found.grade}{reserved}{where}, {_bound(found)}; {result.path}"
 
 
-def _comparison(results: Sequence[Result], width: int, whole: bool) -> Iterator[str]:
-    """Yield the lines of the comparison of several results, and a sentence for each that has no grade."""
+def _comparison(results: Sequence[Result], whole: bool) -> list[Block]:
+    """Return the comparison of several results, and a sentence for each that has no grade."""
     names, grades = [result.path.stem for result in results], [grade(result) for result in results]
     runs = dict.fromkeys(run for result in results if (run := _shown_run(result)))
-    peaks = f"peaks in {' or '.join(NAMES[run] for run in runs)}"
-    columns = [
-        Column("", "grade", "", [_end(one, found) for one, found in zip(results, grades, strict=True)]),
-        Column(TRUE, "95 % bound", "% of SIM", [three(found.percent) if found else "-" for found in grades]),
-        Column(TRUE, "median over", "SIM-DELAY", [_over_sim_delay(one) for one in results]),
-        Column(peaks, "roof accel", "m/s^2", [_of_roof(one) for one in results]),
-        Column(peaks, "base shear", "N", [_of_base(one) for one in results]),
+    true, peaks = ("true error",), (f"peaks in {' or '.join(NAMES[run] for run in runs)}",)
+    columns: list[tuple[Column, Sequence[str]]] = [
+        (Column("grade"), [Verdict(_end(one, found)) for one, found in zip(results, grades, strict=True)]),
+        (Column("95 % bound", true, "% of SIM"), [three(found.percent) if found else "-" for found in grades]),
+        (Column("median over", true, "SIM-DELAY"), [_over_sim_delay(one) for one in results]),
+        (Column("roof accel", peaks, "m/s^2"), [_of_roof(one) for one in results]),
+        (Column("base shear", peaks, "N"), [_of_base(one) for one in results]),
     ]
-    longest = max(len("case"), *map(len, names))
-    label = min(longest, width - sum(_wide(one) for one in columns[:2]))
-    while len(columns) > 2 and label + sum(_wide(one) for one in columns) > width:
-        columns.pop()
-    for table in _laid_out(columns, [name[:label] for name in names], "case", width):
-        yield from table
     told = [
-        sentence
+        Line(f"{result.path.stem}: {verdict(result)}")
         for result, found in zip(results, grades, strict=True)
         if found is None or result.attributes.get("status_reason")
-        for sentence in _wrapped(f"{result.path.stem}: {verdict(result)}", width)
     ]
-    told += [line for said in scale_lines(results) for line in _wrapped(said, width)]
-    yield from told
-    last = _wrapped(_said_of_all(results, grades), width) + _wrapped(_next_of(results), width)
-    yield from _told_notes(results, width, MOST_LINES_OF_SEVERAL - len(results) - len(told) - len(last) - 3, whole)
-    yield from last
+    above: list[Block] = [by_columns("case", names, columns), *told, *map(Line, scale_lines(results))]
+    last = [Line(_said_of_all(results, grades)), Line(_next_of(results))]
+    room = MOST_LINES_OF_SEVERAL - text([[*above, *last]]).count("\n")
+    return [*above, *_told_notes(results, room, whole), *last]
 
 
 def _said_of_all(results: Sequence[Result], grades: Sequence[Grade | None]) -> str:
@@ -511,17 +509,7 @@ def about(result: Result) -> str:
     return f"{words}, {controller} by method {a.get('method')}, {kind} {a.get('rig')}"
 
 
-class Column(NamedTuple):
-    """A column of a table: three lines of heading and a cell for each row."""
-
-    group: str  # of this column and its neighbours
-    name: str
-    unit: str
-    cells: list[str]
-
-
-TRUE = "true error"
-PEAK, ERROR = "peaks in {}", "RMS error of acceleration"
+ERROR = ("RMS error of acceleration",)
 
 
 def _shown_run(result: Result) -> str:
@@ -529,24 +517,25 @@ def _shown_run(result: Result) -> str:
     return next((run for run in NAMES if f"{run}.peak_abs_accel_m_s2" in result.metrics), "")
 
 
-def _tables(result: Result, width: int) -> Iterator[list[str]]:
-    """Yield the response by storey and the errors by storey, beside each other where they fit."""
+def _table(result: Result) -> Table | None:
+    """Return response and errors by storey, None where there are none."""
     run = _shown_run(result)
-    storeys = shown_storeys(result, run)
-    columns = [*_response(result, run, storeys), *_errors(result, storeys)]
-    yield from _laid_out(columns, _labels(result, storeys), "storey", width)
+    return _storey_table(result, run, shown_storeys(result, run))
 
 
-def storey_columns(result: Result) -> tuple[list[str], list[Column]]:
-    """Return the storeys, the roof first, and the columns of response and errors of all."""
+def storey_table(result: Result) -> Table | None:
+    """Return response and errors of all storeys, the roof first, None where there are none."""
     run = _shown_run(result)
     path = f"{run}.peak_abs_accel_m_s2" if run else "exp_rths.rms_error_m_s2"
-    storeys = list(range(np.size(result.metrics.get(path, ()))))[::-1]
+    return _storey_table(result, run, list(range(np.size(result.metrics.get(path, ()))))[::-1])
+
+
+def _storey_table(result: Result, run: str, storeys: Sequence[int]) -> Table | None:
     columns = [*_response(result, run, storeys), *_errors(result, storeys)]
-    return _labels(result, storeys), columns if storeys else []
+    return by_columns("storey", _labels(result, storeys), columns) if storeys and columns else None
 
 
-def _response(result: Result, run: str, storeys: Sequence[int]) -> Iterator[Column]:
+def _response(result: Result, run: str, storeys: Sequence[int]) -> Iterator[tuple[Column, list[str]]]:
     for path, name, unit, factor in (
         ("peak_abs_accel_m_s2", "abs. accel", "m/s^2", 1.0),
         ("peak_rel_disp_m", "displ", "mm", 1e3),
@@ -554,17 +543,18 @@ def _response(result: Result, run: str, storeys: Sequence[int]) -> Iterator[Colu
         ("peak_drift_ratio", "drift", "% height", 1e2),
     ):
         if f"{run}.{path}" in result.metrics:
-            yield Column(PEAK.format(NAMES[run]), name, unit, _cells(result.metrics[f"{run}.{path}"], storeys, factor))
+            column = Column(name, (f"peaks in {NAMES[run]}",), unit)
+            yield column, _cells(result.metrics[f"{run}.{path}"], storeys, factor)
 
 
-def _errors(result: Result, storeys: Sequence[int]) -> Iterator[Column]:
+def _errors(result: Result, storeys: Sequence[int]) -> Iterator[tuple[Column, list[str]]]:
     for path, name, unit, factor in (
         ("exp_rths.rms_error_m_s2", "EXP-RTHS", "mm/s^2", 1e3),
         ("exp_rths.nrmse_percent", "EXP-RTHS", "% of SIM", 1.0),
         ("sim_delay.rms_error_m_s2", "SIM-DELAY", "mm/s^2", 1e3),
     ):
         if path in result.metrics and np.isfinite(np.asarray(result.metrics[path], dtype=float)).any():
-            yield Column(ERROR, name, unit, _cells(result.metrics[path], storeys, factor))
+            yield Column(name, ERROR, unit), _cells(result.metrics[path], storeys, factor)
 
 
 def shown_storeys(result: Result, run: str) -> list[int]:
@@ -609,45 +599,6 @@ def _labels(result: Result, storeys: Sequence[int]) -> list[str]:
     roof = interface + len(structure.get("experimental", {}).get("masses_kg", ())) - 1
     names = {roof: " roof", interface - 1: " interface"}
     return [f"{storey + 1}{names.get(storey, '')}" for storey in storeys]
-
-
-def _wide(column: Column) -> int:
-    """Return the least width of a column, with the space before it."""
-    return 2 + max(len(text) for text in (column.name, column.unit, *column.cells))
-
-
-def _laid_out(columns: Sequence[Column], labels: Sequence[str], corner: str, width: int) -> Iterator[list[str]]:
-    """Yield the lines of a table: all columns beside each other where they fit, else a table of each group."""
-    if not columns:
-        return
-    label = max(len(corner), *map(len, labels)) if labels else len(corner)
-    groups = [list(group) for _, group in groupby(columns, key=lambda column: column.group)]
-    wide = [[_wide(column) for column in group] for group in groups]
-    for group, sizes in zip(groups, wide, strict=True):
-        sizes[0] += max(len(group[0].group) + 2 - sum(sizes), 0)
-    if label + sum(map(sum, wide)) <= width:
-        even = [[max(size, COLUMN) for size in sizes] for sizes in wide]
-        fits = label + sum(map(sum, even)) <= width
-        yield _lines(groups, even if fits else wide, labels, corner, label)
-        return
-    first = 0
-    for end in range(1, len(groups) + 1):
-        if end == len(groups) or label + sum(map(sum, wide[first : end + 1])) > width:
-            yield _lines(groups[first:end], wide[first:end], labels, corner, label)
-            first = end
-
-
-def _lines(
-    groups: Sequence[Sequence[Column]], wide: Sequence[Sequence[int]], labels: Sequence[str], corner: str, label: int
-) -> list[str]:
-    """Return the lines of a table: three of headings, one for each label."""
-    flat = [pair for group, sizes in zip(groups, wide, strict=True) for pair in zip(group, sizes, strict=True)]
-    heads = "".join(f"{group[0].group:>{sum(sizes)}}" for group, sizes in zip(groups, wide, strict=True))
-    lines = [f"{'':<{label}}{heads}", f"{corner:<{label}}" + "".join(f"{one.name:>{size}}" for one, size in flat)]
-    lines.append(f"{'':<{label}}" + "".join(f"{one.unit:>{size}}" for one, size in flat))
-    for row, name in enumerate(labels):
-        lines.append(f"{name:<{label}}" + "".join(f"{one.cells[row]:>{size}}" for one, size in flat))
-    return [line.rstrip() for line in lines if line.strip()]
 
 
 def _cells(values: object, storeys: Sequence[int], factor: float) -> list[str]:
@@ -702,7 +653,3 @@ def fidelity(result: Result) -> str:
 def _next(result: Result) -> str:
     more = f"rths report {result.path}, with --figures DIR or --format html --output FILE"
     return f"result {result.path}; more by: {more}"
-
-
-def _wrapped(text: str, width: int) -> list[str]:
-    return textwrap.wrap(text, width, subsequent_indent="  ", break_on_hyphens=False, break_long_words=False)

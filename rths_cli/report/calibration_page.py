@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rths_cli.report.text_layout import aligned, labelled, wrapped_below_labels
+from rths_cli.report.document import Line, grid, labelled, labelled_lines
+from rths_cli.report.to_text import text
 
 if TYPE_CHECKING:
     from rths_cli.laboratory.calibrate import CalibrationMade, Row
@@ -22,9 +23,8 @@ def page(made: CalibrationMade) -> str:
     rows = [_cells(row) for row in made.rows]
     about = made.calibration
     head = f"Calibration of {about.told}, rig {about.rig}{f', ratios of {about.model}' if about.model else ''}"
-    notes = [labelled("wrote", str(made.file)), labelled("uncertainties", ABOUT)]
-    notes += [labelled("next" if i == 0 else "", note) for i, note in enumerate(made.notes)]
-    return "\n\n".join(["\n".join([head, *aligned([HEADINGS, *rows])]), wrapped_below_labels(notes)]) + "\n"
+    notes = [labelled("wrote", str(made.file)), labelled("uncertainties", ABOUT), *labelled_lines("next", made.notes)]
+    return text([[Line(head), grid([HEADINGS, *rows])], notes])
 
 
 def _cells(row: Row) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,9 +11,10 @@ from numpy.typing import ArrayLike
 from rths_cli.files.result_reader import Result
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import metric
-from rths_cli.report.numbers import listed, rounded_to_four, with_uncertainty
-from rths_cli.report.results_by_case import Entry, state, storeys
-from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, mark, ratio, width, wrapped
+from rths_cli.report.document import RULE, Block, Column, Document, Line, Row, Table
+from rths_cli.report.numbers import listed, milliseconds, rounded, with_uncertainty
+from rths_cli.report.results_by_case import Entry, mark, ratio, state, storeys
+from rths_cli.report.to_text import width
 
 CAUSES = {
     "declared": "declared building",
@@ -29,7 +31,7 @@ CAUSES = {
     "rest": "rest",
 }
 WORDS = {"check": "pred.", "budget": "meas."}
-BUDGET_LABEL, BUDGET_COLUMN = 18, 10
+STOREYS_BESIDE = 7  # at most, of one kind of error by cause
 Metrics = Mapping[str, ArrayLike]
 
 ITEMS = {
@@ -45,8 +47,6 @@ ITEMS = {
 SUMS = {"total": "total", "compensated": "compensated", "left": "left"}
 LEFT_SHARES = (0.05, 0.2)  # of the highest frequency: where the table shows what is left
 SAME_S = 1e-9
-LATENCY_LABEL, LATENCY_COLUMN, BY = 15, 8, 17
-NARROW = 7  # characters of a column on a narrow page
 KINDS = {"_true_full": "full-t", "_true": "true", "_full": "full", "_model": "model"}
 TOTALS = ("check.rms_error_m_s2", "check.tracking_rms_m_s2")  # of the error by cause, whose table has no intervals
 NAMES_SHARE = 0.7  # of a page's width; where names and units take more, values stand below them
@@ -61,8 +61,11 @@ COLUMNS = {  # heading: metric, factor to the unit of the heading
     "J5": ("exp_rths.j5", 1.0),
     "energy": ("exp_rths.energy_error_ratio", 1.0),
 }
-PAIRS = ("nrmse_percent", "peak_error_percent", "rms_error_m_s2")  # the last one over that of SIM-DELAY
-PERCENT_COLUMN = 8
+PAIRS = {  # metric: heading of its two columns; the last one over that of SIM-DELAY
+    "nrmse_percent": "RMS error (%)",
+    "peak_error_percent": "peak error (%)",
+    "rms_error_m_s2": "/ SIM-DELAY (-)",
+}
 PERCENT_NOTES = (
     "RMS error: in percent of the RMS of SIM (NRMSE); peak error: in percent of SIM's peak; / SIM-DELAY: RMS error of "
     "EXP-RTHS over that of SIM-DELAY, a ratio.",
@@ -76,64 +79,54 @@ def named_causes(result: Result) -> str:
     return f"Named causes of the error: {'; '.join(lines)}." if lines else ""
 
 
-def budget_text(metrics: Metrics) -> str:
-    """Return the table of RMS errors by cause, "" if the metrics contain no such errors.
+def budget(metrics: Metrics) -> list[Block]:
+    """Return the table of RMS errors by cause with what the run says of the table, [] without such errors.
 
     `metrics` by path: predicted ones from `check.*`, measured ones from `budget.*` and `exp_rths.*`. If not all storeys
     fit side by side on a page of 100 columns, the lowest ones and the highest one are shown.
     """
-    predicted, measured = _has(metrics, "check"), _has(metrics, "budget")
-    if not (predicted or measured):
-        return ""
-    kinds = [kind for kind, there in (("check", predicted), ("budget", measured)) if there]
-    columns = _columns(metrics, kinds)
-    beside = max((width() - BUDGET_LABEL) // (BUDGET_COLUMN * len(kinds)), 1)
-    lines = ["Error by cause (RMS, mm/s^2, test band)"]
-    for first in range(0, len(columns), beside):
-        lines += _part(metrics, kinds, columns[first : first + beside])
-    return "\n".join([*lines, *([wrapped([_fitted(metrics)])] if measured else [])])
+    kinds = _kinds(metrics)
+    if not kinds:
+        return []
+    most = STOREYS_BESIDE // len(kinds)
+    shown = list(range(1, _storeys(metrics, kinds) + 1))
+    shown = shown if len(shown) <= most else [*shown[: most - 1], shown[-1]]
+    return [budget_table(metrics, shown), *([Line(_fitted(metrics))] if "budget" in kinds else [])]
 
 
-def _part(metrics: Metrics, kinds: list[str], columns: list[int]) -> list[str]:
-    """Return the lines of the table with some of its columns."""
-    heads = [f"storey {column}" if column else "tracking" for column in columns]
-    heads = [
-        head if len(head) < BUDGET_COLUMN * len(kinds) else f"st. {column}"
-        for head, column in zip(heads, columns, strict=True)
-    ]
-    top = "".join(f"{head:>{BUDGET_COLUMN * len(kinds)}}" for head in heads)
-    words = "".join(f"{WORDS[kind]:>{BUDGET_COLUMN}}" for kind in kinds) * len(columns)
-    rule = "-" * (BUDGET_LABEL + len(top))
-    lines = [rule, f"{'':<{BUDGET_LABEL}}{top}", f"{'':<{BUDGET_LABEL}}{words}", rule]
-    for cause, label in CAUSES.items():
-        cells = [_budget_cell(metrics, kind, cause, column) for column in columns for kind in kinds]
-        if any(cell.strip() != "-" for cell in cells):
-            lines.append(f"{label:<{BUDGET_LABEL}}{''.join(cells)}")
-    whole = [_budget_cell(metrics, kind, "", column) for column in columns for kind in kinds]
-    return [*lines, rule, f"{'together':<{BUDGET_LABEL}}{''.join(whole)}", rule]
+def budget_table(metrics: Metrics, storeys: Sequence[int] = (), what: str = "") -> Table:
+    """Return the table of RMS errors by cause, of the table and of some storeys, (): all; `what` ends its title."""
+    kinds = _kinds(metrics)
+    places = [0, *(storeys or range(1, _storeys(metrics, kinds) + 1))]
+    columns = [(place, kind) for place in places for kind in kinds]
+
+    def row(cause: str, label: str) -> Row:
+        return Row(label, tuple(_budget_cell(metrics, kind, cause, place) for place, kind in columns))
+
+    causes = [row(cause, label) for cause, label in CAUSES.items()]
+    known = [one for one in causes if any(cell != "-" for cell in one.cells)]
+    heads = (Column(WORDS[kind], (f"storey {place}" if place else "tracking",)) for place, kind in columns)
+    title = f"Error by cause (RMS, mm/s^2, test band{what})"
+    return Table(tuple(heads), (*known, RULE, row("", "together")), title)
 
 
-def _has(metrics: Metrics, kind: str) -> bool:
-    return f"{kind}.rms_error_coupling_m_s2" in metrics
+def _kinds(metrics: Metrics) -> list[str]:
+    return [kind for kind in WORDS if f"{kind}.rms_error_coupling_m_s2" in metrics]
 
 
-def _columns(metrics: Metrics, kinds: list[str]) -> list[int]:
-    """Return the columns: 0 for tracking, then the numbers of the lowest storeys that fit and of the highest one."""
-    storeys = np.atleast_1d(metrics[f"{kinds[0]}.rms_error_coupling_m_s2"]).size
-    fit = (WIDTH - BUDGET_LABEL) // (BUDGET_COLUMN * len(kinds)) - 1
-    shown = list(range(1, storeys + 1))
-    return [0, *(shown if storeys <= fit else [*shown[: fit - 1], storeys])]
+def _storeys(metrics: Metrics, kinds: Sequence[str]) -> int:
+    return int(np.size(metrics[f"{kinds[0]}.rms_error_coupling_m_s2"]))
 
 
-def _budget_cell(metrics: Metrics, kind: str, cause: str, column: int) -> str:
+def _budget_cell(metrics: Metrics, kind: str, cause: str, place: int) -> str:
     """Return an error in mm/s^2 as text; for the cause "", the total error, which is a metric of the run itself."""
     source = "exp_rths" if kind == "budget" and not cause else kind
     part = f"_{cause}" if cause else ""
-    path = f"{source}.rms_error{part}_m_s2" if column else f"{source}.tracking_rms{part}_m_s2"
+    path = f"{source}.rms_error{part}_m_s2" if place else f"{source}.tracking_rms{part}_m_s2"
     if path not in metrics:
-        return f"{'-':>{BUDGET_COLUMN}}"
-    value = 1e3 * float(np.atleast_1d(np.asarray(metrics[path], dtype=float))[max(column - 1, 0)])
-    return f"{value:>{BUDGET_COLUMN}.3f}" if abs(value) < 1e4 else f"{value:>{BUDGET_COLUMN}.2e}"
+        return "-"
+    value = 1e3 * float(np.atleast_1d(np.asarray(metrics[path], dtype=float))[max(place - 1, 0)])
+    return f"{value:.3f}" if abs(value) < 1e4 else f"{value:.2e}"
 
 
 def _fitted(metrics: Metrics) -> str:
@@ -162,66 +155,40 @@ def _figure(
     return f"{value:{sign}.{digits}f} +- {off:.2g} {unit}"
 
 
-def latency_text(metrics: Mapping[str, ArrayLike]) -> str:
-    """Return the table of latencies in ms with their sums, and the delay identified on the rig; "" without latencies.
+def latency(metrics: Metrics) -> list[Block]:
+    """Return the table of latencies in ms with their sums, and the delay identified on the rig; [] without latencies.
 
     `metrics`: metrics of a result by path (`latency.total_s`, ...).
     """
     if "latency.total_s" not in metrics or "latency.frequency_hz" not in metrics:
-        return ""
+        return []
     frequency = np.atleast_1d(np.asarray(metrics["latency.frequency_hz"], dtype=float))
     shown = [int(np.abs(frequency - hz).argmin()) for hz in frequency[-1] * np.array(LEFT_SHARES)]
     heads = [f"{hz:g} Hz" for hz in frequency]
-    left_heads = [f"left {heads[shown[0]]}", heads[shown[1]]]
-    rows = [_line("", heads, "taken out by", left_heads)]
-    if len(rows[0]) > width():
-        return _in_two(metrics, heads, left_heads, shown)
+    columns = [*map(Column, heads), Column("taken out by", words=True)]
+    columns += [Column(heads[place], ("left",)) for place in shown]
+    rows = []
     for name, label in ITEMS.items():
-        delay, stays = _latency_values(metrics, f"latency.{name}_s"), _latency_values(metrics, f"latency.{name}_left_s")
-        rows.append(_line(label, _ms(delay), _taken_out_by(name, metrics), _ms(stays[shown])))
-    rule = "-" * len(rows[0])
-    sums = [_line(label, _ms(_latency_values(metrics, f"latency.{name}_s")), "", []) for name, label in SUMS.items()]
+        delay, stays = (_latency_values(metrics, f"latency.{name}{ending}") for ending in ("_s", "_left_s"))
+        cells = [*map(milliseconds, delay), _taken_out_by(name, metrics), *map(milliseconds, stays[shown])]
+        rows.append(Row(label, tuple(cells)))
+    rows.append(RULE)
+    for name, label in SUMS.items():
+        total = map(milliseconds, _latency_values(metrics, f"latency.{name}_s"))
+        rows.append(Row(label, (*total, *[""] * (1 + len(shown)))))
     title = "Latency of the loop (ms by frequency; negative is early)"
-    return "\n".join([title, rule, rows[0], rule, *rows[1:], rule, *sums, rule, wrapped(_identified(metrics))])
+    return [Table(tuple(columns), tuple(rows), title), Line(_identified(metrics))]
 
 
-def _in_two(metrics: Mapping[str, ArrayLike], heads: list[str], left_heads: list[str], shown: list[int]) -> str:
-    """Return the table on a narrow page: first the latencies, then what takes them out and what is left."""
-
-    def narrow(label: str, cells: list[str]) -> str:
-        return label.ljust(LATENCY_LABEL) + "".join(cell.rjust(NARROW) for cell in cells)
-
-    named = {**ITEMS, **SUMS}
-    first = [narrow(label, _ms(_latency_values(metrics, f"latency.{name}_s"))) for name, label in named.items()]
-    second = [
-        _line(label, [], _taken_out_by(name, metrics), _ms(_latency_values(metrics, f"latency.{name}_left_s")[shown]))
-        for name, label in ITEMS.items()
-    ]
-    top, rule = narrow("", heads), "-" * len(narrow("", heads))
-    title = "Latency of the loop (ms by frequency; negative is early)"
-    lines = [title, rule, top, rule, *first, rule, _line("", [], "taken out by", left_heads), rule, *second, rule]
-    return "\n".join([*lines, wrapped(_identified(metrics))])
-
-
-def _latency_values(metrics: Mapping[str, ArrayLike], path: str) -> Array:
+def _latency_values(metrics: Metrics, path: str) -> Array:
     return np.atleast_1d(np.asarray(metrics[path], dtype=float))
 
 
-def _number(metrics: Mapping[str, ArrayLike], path: str) -> float:
+def _number(metrics: Metrics, path: str) -> float:
     return float(_latency_values(metrics, path)[0])
 
 
-def _ms(seconds: Array) -> list[str]:
-    """Return times (n,) in s as texts in ms with three decimals, without a minus sign before zero."""
-    return [f"{round(1e3 * value, 3) + 0.0:.3f}" for value in seconds]
-
-
-def _line(label: str, cells: list[str], by: str, left: list[str]) -> str:
-    text = label.ljust(LATENCY_LABEL) + "".join(cell.rjust(LATENCY_COLUMN) for cell in cells) + "  " + by.ljust(BY)
-    return (text + "".join(cell.rjust(LATENCY_COLUMN + 1) for cell in left)).rstrip()
-
-
-def _taken_out_by(name: str, metrics: Mapping[str, ArrayLike]) -> str:
+def _taken_out_by(name: str, metrics: Metrics) -> str:
     """Return the block that compensates an item, "-" if the item is zero or not compensated."""
     delay, left = _latency_values(metrics, f"latency.{name}_s"), _latency_values(metrics, f"latency.{name}_left_s")
     if np.allclose(delay, left, rtol=1e-6, atol=SAME_S):
@@ -231,52 +198,52 @@ def _taken_out_by(name: str, metrics: Mapping[str, ArrayLike]) -> str:
     return "prediction" if _number(metrics, "latency.predicted_s") > 0.0 else "inverse"
 
 
-def _identified(metrics: Mapping[str, ArrayLike]) -> list[str]:
-    """Return the lines on the prediction and on the declared and identified delay of converter, hold and transport."""
+def _identified(metrics: Metrics) -> str:
+    """Return the sentence on the prediction, and on the delay of converter, hold and transport."""
     lead, declared = (_number(metrics, f"latency.{name}_s") for name in ("predicted", "declared"))
     first = f"Prediction: {1e3 * lead:.3f} ms. Converter, hold and transport: {1e3 * declared:.3f} ms declared"
     if "latency.identified_s" not in metrics:
-        return [f"{first}; none was identified."]
+        return f"{first}; none was identified."
     found, error = (_number(metrics, f"latency.{name}_s") for name in ("identified", "identified_error"))
-    return [f"{first}, {with_uncertainty(found, error, 1e3)} ms (2 standard uncertainties) identified on the rig."]
+    return f"{first}, {with_uncertainty(found, error, 1e3)} ms (2 standard uncertainties) identified on the rig."
 
 
-def other_figures(entry: Entry, shown: Iterable[str]) -> str:
+def other_figures(entry: Entry, shown: Iterable[str]) -> Document:
     """Return error by cause and latency of each method, then a line for each metric that is not among `shown`.
 
     A line states path, unit and values by method, together with the other kinds of the metric (true, full band, model,
     limit). Times in s are shown in ms.
     """
-    told, blocks = set(shown), []
+    told, sections = set(shown), list[list[Block]]()
     for method, result in entry.results.items():
-        parts = _blocks(result, told)
-        blocks += [f"Method {method}", *parts] if parts and len(entry.results) > 1 else parts
+        parts = [part for part in _sections(result, told) if part]
+        sections += [[Line(f"Method {method}")], *parts] if parts and len(entry.results) > 1 else parts
     paths = sorted({path for result in entry.results.values() for path in result.metrics} - told)
-    return "\n\n".join([*blocks, *([_list(entry, paths)] if paths else [])])
+    return [*sections, *([_list(entry, paths)] if paths else [])]
 
 
-def _blocks(result: Result, told: set[str]) -> list[str]:
-    """Return the text blocks of one result, and add the paths that they show to `told`."""
-    causes, latency = budget_text(result.metrics), latency_text(result.metrics)
-    storeys = max((np.size(v) for path, v in result.metrics.items() if ".rms_error_coupling" in path), default=1)
-    whole = bool(causes) and all(f"storey {storey}" in causes for storey in range(1, storeys + 1))
+def _sections(result: Result, told: set[str]) -> list[list[Block]]:
+    """Return the tables of one result, and add the paths that they show to `told`."""
+    causes, loop = budget(result.metrics), latency(result.metrics)
+    kinds = _kinds(result.metrics)
+    whole = bool(causes) and _storeys(result.metrics, kinds) <= STOREYS_BESIDE // len(kinds)
     for path in result.metrics:
         by_cause = path.startswith(("check.rms_error", "check.tracking_rms")) or (
             path.startswith("budget.") and not path.startswith("budget.unexplained")
         )
         if whole and by_cause and not (path in TOTALS and path in result.intervals):
             told.add(path)
-        if latency and path.startswith("latency.") and path.endswith(("_s", "_hz")):
+        if loop and path.startswith("latency.") and path.endswith(("_s", "_hz")):
             told.add(path)
     named = named_causes(result)
-    return [text for text in (causes, wrapped([named]) if named else "", latency) if text]
+    return [causes, [Line(named)] if named else [], loop]
 
 
-def _list(entry: Entry, paths: list[str]) -> str:
+def _list(entry: Entry, paths: list[str]) -> list[Block]:
     results = entry.results
     groups = _groups(paths)
     wide = max(len(path) for path in groups)
-    lines = []
+    lines: list[Block] = [Line(TITLE)]
     for path, kinds in groups.items():
         unit = next(result.units[path] for result in results.values() if path in result.units)
         values = {method: _values(result, kinds, unit) for method, result in results.items()}
@@ -284,10 +251,10 @@ def _list(entry: Entry, paths: list[str]) -> str:
         text = next(iter(values.values())) if same else " | ".join(f"{m}: {v}" for m, v in values.items())
         shown = f"{'ms' if unit == 's' else unit:<8}{text}"
         if wide + 12 > NAMES_SHARE * width():
-            lines += [f"  {path}", wrapped([f"    {shown}"], indent=12)]
+            lines += [Line(f"  {path}"), Line(f"    {shown}", indent=12)]
         else:
-            lines.append(wrapped([f"  {path:<{wide}}  {shown}"], indent=wide + 12))
-    return "\n".join([wrapped([TITLE], 2), *lines])
+            lines.append(Line(f"  {path:<{wide}}  {shown}", indent=wide + 12))
+    return lines
 
 
 def _groups(paths: list[str]) -> dict[str, dict[str, str]]:
@@ -316,18 +283,11 @@ def _values(result: Result, kinds: Mapping[str, str], unit: str) -> str:
 def _listed(result: Result, path: str, unit: str) -> str:
     if path not in result.metrics:
         return "-"
-    return listed(result.metrics[path], result.intervals.get(path), _milliseconds if unit == "s" else _plain)
-
-
-def _milliseconds(value: float) -> str:
-    return f"{round(1e3 * value, 3) + 0.0:.3f}"
+    return listed(result.metrics[path], result.intervals.get(path), milliseconds if unit == "s" else _plain)
 
 
 def _plain(value: float) -> str:
-    if not np.isfinite(value):
-        return "-"
-    near_one = 0.0 < abs(value - 1.0) < 1e-3  # a radius of 0.99996 is not 1
-    return f"{float(value):.{7 if near_one else 4}g}"
+    return rounded(value, 7 if 0.0 < abs(value - 1.0) < 1e-3 else 4)  # a radius of 0.99996 is not 1
 
 
 def merit_table(cases: Sequence[Entry]) -> Table:
@@ -337,7 +297,7 @@ def merit_table(cases: Sequence[Entry]) -> Table:
         rows.append(Row(f"{entry.excitation}, damping {entry.damping}, {entry.controller}"))
         rows += [Row(method, tuple(_cells(result))) for method, result in entry.results.items()]
     title = f"Figures of merit of EXP-RTHS, measured, test band; {cases[0].table_name}"
-    return Table(title, "method", (len(COLUMNS),), 10, (tuple(map(Cell, COLUMNS)),), tuple(rows), tuple(_notes()))
+    return Table(tuple(map(Column, COLUMNS)), tuple(rows), title, "method", tuple(_notes()))
 
 
 def percent_table(cases: Sequence[Entry]) -> Table:
@@ -351,16 +311,13 @@ def percent_table(cases: Sequence[Entry]) -> Table:
         for method, result in entry.results.items():
             rows.append(Row(f"{entry.excitation}, damping {entry.damping}, {entry.controller}, {method}"))
             rows += [Row(f"storey {k + 1}", _percent_cells(result, k)) for k in range(storeys([entry]))]
-    of_pairs = ("RMS error (%)", "peak error (%)", "/ SIM-DELAY (-)", "table (FEI)")
-    heads = (
-        tuple(Cell(text, 2) for text in of_pairs),
-        (*(Cell(band) for _ in PAIRS for band in ("test", "full")), Cell("ms late"), Cell("gain")),
-    )
+    pairs = [Column(band, (what,)) for what in PAIRS.values() for band in ("test", "full")]
+    of_table = [Column(name, ("table (FEI)",)) for name in ("ms late", "gain")]
     title = f"EXP-RTHS against SIM, measured, test band and full band; {cases[0].table_name}"
-    return Table(title, "", (2, 2, 2, 2), PERCENT_COLUMN, heads, tuple(rows))
+    return Table((*pairs, *of_table), tuple(rows), title)
 
 
-def _percent_cells(result: Result, storey: int) -> tuple[Cell, ...]:
+def _percent_cells(result: Result, storey: int) -> tuple[str, ...]:
     values: list[float | str] = []
     for leaf in PAIRS:
         for suffix in ("", "_full"):
@@ -370,21 +327,21 @@ def _percent_cells(result: Result, storey: int) -> tuple[Cell, ...]:
             values.append(value)
     cells = [_cell(value, mark(result, "exp_rths.nrmse_percent")) for value in values]
     if storey > 0:
-        return (*cells, Cell(""), Cell(""))
+        return (*cells, "", "")
     delay_s, gain = state(result, "exp_rths.fei_delay_s"), state(result, "exp_rths.fei_amplitude")
     delay_ms = delay_s if isinstance(delay_s, str) else round(1e3 * delay_s, 4) + 0.0  # a column has room for -0.1234
-    shown = Cell(gain) if isinstance(gain, str) else Cell(f"{gain:.4f}", mark=mark(result, "exp_rths.fei_amplitude"))
+    shown = gain if isinstance(gain, str) else f"{gain:.4f}{mark(result, 'exp_rths.fei_amplitude')}"
     return (*cells, _cell(delay_ms, mark(result, "exp_rths.fei_delay_s")), shown)
 
 
-def _cell(value: float | str, mark: str) -> Cell:
-    return Cell(value) if isinstance(value, str) else Cell(f"{value:.3g}", mark=mark)
+def _cell(value: float | str, mark: str) -> str:
+    return value if isinstance(value, str) else f"{value:.3g}{mark}"
 
 
-def _cells(result: Result) -> Iterator[Cell]:
+def _cells(result: Result) -> Iterator[str]:
     for path, factor in COLUMNS.values():
         value = state(result, path)
-        yield Cell(value) if isinstance(value, str) else Cell(rounded_to_four(factor * value), mark=mark(result, path))
+        yield value if isinstance(value, str) else f"{rounded(factor * value, 4)}{mark(result, path)}"
 
 
 def _notes() -> Iterator[str]:
@@ -401,13 +358,13 @@ def every_figure(entry: Entry) -> Iterator[Table]:
     for path in paths:
         having = next(result for result in entry.results.values() if path in result.metrics)
         values = [_fidelity_values(entry.results[method], path) for method in methods]
-        rows.append(Row(path, tuple(map(Cell, (having.units[path], *values, having.definitions[path])))))
-    heads = tuple(map(Cell, ("unit", *methods, "definition")))
+        rows.append(Row(path, (having.units[path], *values, having.definitions[path])))
+    columns = tuple(Column(name, words=True) for name in ("unit", *methods, "definition"))
     if rows:
-        yield Table(
-            f"Every figure of this case; {entry.table_name}", "figure", (len(heads),), 20, (heads,), tuple(rows)
-        )
+        yield Table(columns, tuple(rows), f"Every figure of this case; {entry.table_name}", "figure")
 
 
 def _fidelity_values(result: Result, path: str) -> str:
-    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), rounded_to_four)
+    return listed(
+        result.metrics.get(path, np.nan), result.intervals.get(path), partial(rounded, digits=4), between="  "
+    )

@@ -9,9 +9,10 @@ import numpy as np
 
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import METRICS, Interval, intervals_of
-from rths_cli.report.case_metric_tables import budget_text, latency_text
+from rths_cli.report.case_metric_tables import budget, latency
+from rths_cli.report.document import Block, Document, Line, grid, labelled
 from rths_cli.report.numbers import DASH, intervals_json, json_value, rounded, significant, whole_percent
-from rths_cli.report.text_layout import aligned, labelled, wrapped_below_labels
+from rths_cli.report.to_text import LABEL, text
 from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
@@ -75,33 +76,37 @@ Values = Mapping[str, Array]
 
 def pages(checked: Sequence[Checked]) -> str:
     """Return a page for each case and, for several cases, a summary with a line for each case."""
-    text = "\n\n".join(page(one) for one in checked)
+    sections = [section for one in checked for section in _sections(one)]
     if len(checked) < 2:
-        return text + "\n"
+        return text(sections)
     rows = [[_name(one.about), one.verdict, _why(one)] for one in checked]
     widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
     lines = [f"{name:<{widths[0]}}  {verdict:<{widths[1]}}  {why}".rstrip() for name, verdict, why in rows]
-    return text + "\n\n" + wrapped_below_labels(lines) + "\n"
+    return text([*sections, [Line(line, indent=LABEL) for line in lines]])
 
 
 def page(checked: Checked) -> str:
-    """Return the page of one case, at most 100 columns wide."""
+    """Return the page of one case."""
+    return text(_sections(checked))
+
+
+def _sections(checked: Checked) -> Document:
     values = {path: np.atleast_1d(np.asarray(value, dtype=float)) for path, value in checked.metrics.items()}
-    sections = [wrapped_below_labels(_about(checked.about, _counters(values)))]
+    sections = [_about(checked.about, _counters(values))]
     if "check.spectral_radius" in values:
         sections += [
-            wrapped_below_labels(_stability(values)),
-            wrapped_below_labels(_margins(values, checked.about.compared_hz[1])),
-            wrapped_below_labels(_tangents(values, checked.tangents)),
-            latency_text(values),
+            _stability(values),
+            _margins(values, checked.about.compared_hz[1]),
+            _tangents(values, checked.tangents),
+            latency(values),
         ]
-        sections += [wrapped_below_labels(_reach(values)), wrapped_below_labels(_simulated(values))]
-        sections += [budget_text(values), wrapped_below_labels(_compared(values, checked.about))]
-    sections.append(wrapped_below_labels(_guard(values, checked.of_guard)))
+        sections += [_reach(values), _simulated(values)]
+        sections += [budget(values), _compared(values, checked.about)]
+    sections.append(_guard(values, checked.of_guard))
     if intervals := intervals_of(checked.metrics):
-        sections.append(wrapped_below_labels(_over_samples(intervals)))
-    sections.append(wrapped_below_labels(_verdict(checked)))
-    return "\n\n".join(section for section in sections if section)
+        sections.append(_over_samples(intervals))
+    sections.append(_verdict(checked))
+    return sections
 
 
 def _name(about: Tested) -> str:
@@ -130,12 +135,12 @@ def _counters(values: Values) -> str:
     return f"; counters {' and '.join(found)}" if found else ""
 
 
-def _about(about: Tested, counters: str) -> list[str]:
+def _about(about: Tested, counters: str) -> list[Block]:
     kind = "" if not about.rig_kind else f"{about.rig_kind} "
     scale = [] if about.scale is None else [labelled("scale", _scale(about.scale, about.record_s))]
     overrides = [labelled("overridden", ", ".join(about.overrides))] if about.overrides else []
     return [
-        f"Check of {about.case} on the {kind}table {about.rig}, before anything moves",
+        Line(f"Check of {about.case} on the {kind}table {about.rig}, before anything moves"),
         labelled("building", f"{about.structure}, damping {about.damping}"),
         labelled("record", f"{about.record} x {about.scaling:g}, {about.sample_rate_hz:g} Hz"),
         *scale,
@@ -154,7 +159,7 @@ def _scale(factors: Mapping[str, float], record_s: float) -> str:
     )
 
 
-def _stability(values: Values) -> list[str]:
+def _stability(values: Values) -> list[Block]:
     """Return the lines on spectral radius, modes, critical delay and gain at infinity."""
     growth = _one(values, "growth")
     over = "die out" if growth < LEAST_GROWTH else f"change by a factor {rounded(growth)}"
@@ -165,11 +170,11 @@ def _stability(values: Values) -> list[str]:
     modes = list(enumerate(zip(*columns, strict=True), 1))
     for mode, (own_hz, own, loop_hz, loop) in modes[:MOST_MODES]:
         rows.append([str(mode), f"{own_hz:.4f}", f"{100 * own:.3f}", f"{loop_hz:.4f}", f"{100 * loop:.3f}"])
-    more = [f"  {len(modes) - MOST_MODES} more modes in --json"] if len(modes) > MOST_MODES else []
+    more = [Line(f"  {len(modes) - MOST_MODES} more modes in --json")] if len(modes) > MOST_MODES else []
     return [
         labelled("stability", "of the sampled closed loop: every block of the step on the identified rig"),
         labelled("  spectral radius", f"{_one(values, 'spectral_radius'):.6f}; motions {over} over the record"),
-        *aligned(rows),
+        grid(rows),
         *more,
         labelled("  critical delay", _critical(values)),
         labelled(
@@ -192,7 +197,7 @@ def _critical(values: Values) -> str:
     return f"{rounded(1e3 * delay)} ms on an ideal table; the {rounded(hz)} Hz mode becomes unstable first"
 
 
-def _margins(values: Values, compared_to_hz: float) -> list[str]:
+def _margins(values: Values, compared_to_hz: float) -> list[Block]:
     """Return the lines on the margins, with measured response and with model, and on the tolerated table error."""
     if _one(values, "spectral_radius") >= 1.0:
         return [labelled("margins", "none: the loop is unstable")]
@@ -207,7 +212,7 @@ def _margins(values: Values, compared_to_hz: float) -> list[str]:
     alone = [labelled("  feedback alone", _feedback(values))] if "feedback.sensitivity_peak" in values else []
     return [
         labelled("margins", "of the loop broken at the command; with the measured response, and with the model alone"),
-        *aligned(rows),
+        grid(rows),
         *alone,
         labelled(
             "  table error",
@@ -221,7 +226,7 @@ def _margins(values: Values, compared_to_hz: float) -> list[str]:
     ]
 
 
-def _beyond_the_band(values: Values) -> list[str]:
+def _beyond_the_band(values: Values) -> list[Block]:
     """Return the line on the error that the feedback tolerates beyond the identified band; none without feedback."""
     if "check.feedback_error_hz" not in values:  # nor in files of earlier versions
         return []
@@ -231,37 +236,37 @@ def _beyond_the_band(values: Values) -> list[str]:
     return [labelled("    feedback alone", said)]
 
 
-def _tangents(values: Values, names: Sequence[str]) -> list[str]:
+def _tangents(values: Values, names: Sequence[str]) -> list[Block]:
     """Return the lines on the verdicts at the tangents of laws; none for a linear building."""
     if not names:
         return []
     rows = [["", "spectral radius", "tolerated %", "required %", "delay, ms", "critical, ms", "verdict"]]
     for i, name in enumerate(names):
         of = {key: float(values[f"check.tangent_{key}"][i]) for key in TANGENT_COLUMNS}
-        numbers = [significant(of[key] * scale) if np.isfinite(of[key]) else DASH for key, scale in TANGENT_SCALES]
+        numbers = [significant(of[key] * scale) for key, scale in TANGENT_SCALES]
         rows.append([name, f"{of['spectral_radius']:.6f}", *numbers, "not safe" if of["faults"] else "safe"])
     ends = [1e3 * _one(values, f"critical_delay_{end}_s") for end in ("least", "most")]
     told = [rounded(end) if np.isfinite(end) else "any" for end in ends]
     return [
         labelled("tangents", "the linear loop frozen at each; indications, the evidence is the simulated test"),
-        *aligned(rows),
+        grid(rows),
         labelled("  critical delay", f"{told[0]} to {told[1]} ms on an ideal table"),
     ]
 
 
-def _simulated(values: Values) -> list[str]:
+def _simulated(values: Values) -> list[Block]:
     """Return the lines on the simulated test of a building with laws; none for a linear building."""
     if "check.ductility" not in values:
         return []
     rows = [["", *(f"storey {i}" for i in range(1, len(values["check.ductility"]) + 1))]]
     for label, leaf, scale in SIMULATED:
         row = scale * values[f"check.{leaf}"]
-        rows.append([label, *(significant(one) if np.isfinite(one) else DASH for one in row)])
+        rows.append([label, *map(significant, row)])
     return [
         labelled(
             "simulated test", "with the laws, on the identified rig; the peaks above and the errors below are its"
         ),
-        *aligned(rows),
+        grid(rows),
     ]
 
 
@@ -274,7 +279,7 @@ def _feedback(values: Values) -> str:
     )
 
 
-def _reach(values: Values) -> list[str]:
+def _reach(values: Values) -> list[Block]:
     """Return the lines on predicted peaks with their limits, and on the largest safe scaling."""
     if "check.peak_command_v" not in values:
         return [labelled("table limits", "not predicted: the loop is unstable")]
@@ -286,12 +291,12 @@ def _reach(values: Values) -> list[str]:
     scaling = f"{largest:g}" if largest > 0.0 else "none, the test is not safe with any"
     return [
         labelled("table limits", "predicted peaks, at most 90 % of each limit; displacement with the room to brake"),
-        *aligned(rows),
+        grid(rows),
         labelled("  largest safe scaling", scaling),
     ]
 
 
-def _guard(values: Values, said: Sequence[str]) -> list[str]:
+def _guard(values: Values, said: Sequence[str]) -> list[Block]:
     """Return the lines on the guard's limits in each run, and the sentences on them; none where no run is planned."""
     rows = [["", "needs", "limit"]]
     for run, label in RUNS:
@@ -302,10 +307,10 @@ def _guard(values: Values, said: Sequence[str]) -> list[str]:
     if len(rows) == 1:
         return [labelled("guard", one) for one in said]
     first = "stops a run at these limits, set to the motion that the run needs and never above the rig file's"
-    return [labelled("guard", first), *aligned(rows), *(labelled("", one) for one in said)]
+    return [labelled("guard", first), grid(rows), *(labelled("", one) for one in said)]
 
 
-def _compared(values: Values, about: Tested) -> list[str]:
+def _compared(values: Values, about: Tested) -> list[Block]:
     """Return the lines on the predicted error in comparison with SIM-DELAY, and on the friction that it includes."""
     if "check.rms_error_m_s2" not in values:
         return [labelled("error", "not predicted: the loop is unstable")]
@@ -325,10 +330,10 @@ def _compared(values: Values, about: Tested) -> list[str]:
     for label, path in TRUE_ERRORS:
         if path in values:
             rows.append([label, *(significant(one / late) for one, late in zip(values[path], delayed, strict=True))])
-    return [*lines, *aligned(rows)]
+    return [*lines, grid(rows)]
 
 
-def _over_samples(intervals: Mapping[str, Interval]) -> list[str]:
+def _over_samples(intervals: Mapping[str, Interval]) -> list[Block]:
     """Return the lines on the figures that differ between the samples of the identified model."""
     rows = [["", "nominal", "least", "most"]]
     for label, path, scale in OVER_SAMPLES:
@@ -342,17 +347,17 @@ def _over_samples(intervals: Mapping[str, Interval]) -> list[str]:
             )
     held = whole_percent(min(one.probability for one in intervals.values()))
     about = f"a further sample of the identified model lies in each range with a probability of at least {held}"
-    return [labelled("range over samples", about), *aligned(rows)]
+    return [labelled("range over samples", about), grid(rows)]
 
 
-def _verdict(checked: Checked) -> list[str]:
+def _verdict(checked: Checked) -> list[Block]:
     """Return the lines on warnings, verdict and reasons; a warning that is a reason is told once."""
     notes = [labelled("note", warning) for warning in checked.warnings if warning not in checked.reasons]
     of_runs = ", ".join(f"{label} {verdict}" for label, verdict in checked.runs)
     notes += [labelled("table runs", of_runs)] if len(checked.runs) > 1 else []
     first = " ".join(filter(None, (checked.verdict, _if_right(checked))))
     first = f"{checked.verdict}: {checked.reasons[0]}" if checked.reasons else first
-    return [*notes, labelled("verdict", first), *(labelled("", reason) for reason in checked.reasons[1:])]
+    return [*notes, labelled("verdict", first, checked.verdict), *(labelled("", one) for one in checked.reasons[1:])]
 
 
 def _one(values: Values, name: str) -> float:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from rths_cli.report.document import Block, Line, Table, Verdict, grid, labelled, labelled_lines
 from rths_cli.report.numbers import DASH
-from rths_cli.report.text_layout import aligned, labelled, wrapped_below_labels
+from rths_cli.report.to_text import text
 
 if TYPE_CHECKING:
     from rths_cli.files.machine_rates import RateMeasured
@@ -22,20 +23,13 @@ def page(found: Examined) -> str:
     """Return the result of `rths doctor` as text."""
     if found.counted:
         told = f"{found.counted} counts its steps: it was listened to at rest, and no rate has to be held"
-        return wrapped_below_labels([labelled("rig", told)]) + "\n"
-    sections = [wrapped_below_labels([*_machine(found.machine, found.granted), _granted(found.granted)])]
-    sections.append("\n".join([f"Wake-up delay in us, {_duration(found.rates)}", *table(found.rates)]))
+        return text([[labelled("rig", told)]])
+    sections = [[*_machine(found.machine, found.granted), _granted(found.granted)]]
+    sections.append([Line(f"Wake-up delay in us, {_duration(found.rates)}"), table(found.rates)])
     if found.rig:
         title = f"Until samples of {found.rig.rig} are there, in us after the deadline, {_duration(found.rig.rates)}"
-        sections.append("\n".join([title, *table(found.rig.rates)]))
-    sections.append(wrapped_below_labels(_verdict(found)))
-    if found.advice:
-        sections.append(
-            wrapped_below_labels(
-                [labelled("to do better", found.advice[0]), *(labelled("", a) for a in found.advice[1:])]
-            )
-        )
-    return "\n\n".join(sections) + "\n"
+        sections.append([Line(title), table(found.rig.rates)])
+    return text([*sections, _verdict(found), labelled_lines("to do better", found.advice)])
 
 
 def document(found: Examined) -> dict[str, Any]:
@@ -70,7 +64,9 @@ def channels_page(found: ChannelsExamined) -> str:
         for row in found.rows
     ]  # fmt: skip
     heads = (*OF_CHANNEL, *(("push",) if pushed else ()))
-    sections = ["\n".join([f"Channels of {found.rig} at rest, {found.seconds:g} s", *aligned([heads, *rows])])]
+    sections: list[list[Block]] = [
+        [Line(f"Channels of {found.rig} at rest, {found.seconds:g} s"), grid([heads, *rows])]
+    ]
     if found.comparisons:
         lines = [
             (one.channel, one.against, f"{one.ratio:.4f}", f"{one.phase_deg:.1f}" if one.has_phase else DASH,
@@ -78,17 +74,15 @@ def channels_page(found: ChannelsExamined) -> str:
             for one in found.comparisons
         ]  # fmt: skip
         title = "Shown over what it must show, in a slow motion of the table"
-        sections.append("\n".join([title, *aligned([COMPARED, *lines])]))
+        sections.append([Line(title), grid([COMPARED, *lines])])
     if pushed:
         told = "after a push in the positive direction: + of accelerations, displacements and strains, - of a load cell"
-        sections.append(wrapped_below_labels([labelled("push", told)]))
+        sections.append([labelled("push", told)])
     wrong = [
         *found.faults,
         *(f"{one.channel}: {one.told} ({one.against})" for one in found.comparisons if not one.agrees),
     ]
-    if wrong:
-        sections.append(wrapped_below_labels([labelled("faults", wrong[0]), *(labelled("", one) for one in wrong[1:])]))
-    return "\n\n".join(sections) + "\n"
+    return text([*sections, labelled_lines("faults", wrong)])
 
 
 def channels_document(found: ChannelsExamined) -> dict[str, Any]:
@@ -97,13 +91,13 @@ def channels_document(found: ChannelsExamined) -> dict[str, Any]:
     return {**asdict(found), "comparisons": compared, "exit_code": found.exit_code}
 
 
-def table(rates: Sequence[RateMeasured]) -> list[str]:
-    """Return a line of headings and a line for each rate."""
+def table(rates: Sequence[RateMeasured]) -> Table:
+    """Return a row for each rate."""
     rows = []
     for r in rates:
         delays = (f"{us:.1f}" for us in (r.p50_us, r.p99_us, r.p99_9_us, r.max_us))
-        rows.append((f"{r.rate_hz:g}", *delays, str(r.late), str(r.missed), "yes" if r.held else "no"))
-    return aligned([HEADINGS, *rows])
+        rows.append((f"{r.rate_hz:g}", *delays, str(r.late), str(r.missed), Verdict("yes" if r.held else "no")))
+    return grid([HEADINGS, *rows])
 
 
 def _entry(rate: RateMeasured) -> dict[str, Any]:
@@ -114,7 +108,7 @@ def _duration(rates: Sequence[RateMeasured]) -> str:
     return f"{rates[0].steps / rates[0].rate_hz:g} s each"
 
 
-def _machine(machine: Machine, granted: Granted) -> list[str]:
+def _machine(machine: Machine, granted: Granted) -> list[Block]:
     kind = ", virtual machine" if machine.virtual else ""
     isolated = ", ".join(map(str, machine.isolated_cpus)) or "none"
     return [
@@ -147,7 +141,7 @@ def _throttle(machine: Machine) -> str:
     )
 
 
-def _granted(granted: Granted) -> str:
+def _granted(granted: Granted) -> Line:
     given = [
         f"SCHED_FIFO {granted.fifo_priority}" if granted.fifo_priority else "",
         f"processor {granted.cpu}" if granted.cpu >= 0 else "",
@@ -157,9 +151,9 @@ def _granted(granted: Granted) -> str:
     return labelled("granted", ", ".join(filter(None, given)) or "nothing")
 
 
-def _verdict(found: Examined) -> list[str]:
+def _verdict(found: Examined) -> list[Block]:
     best = found.recommended_hz
-    lines = [
+    lines: list[Block] = [
         labelled("rule", found.rule),
         labelled("recommended", f"at most {best:g} Hz" if best else "none: no rate was held"),
     ]

@@ -14,9 +14,9 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
 from rths_cli.quantities import LESS, metric
+from rths_cli.report.document import Column, Line, Row, Section, Table
 from rths_cli.report.input_files import differing
 from rths_cli.report.numbers import six_wide
-from rths_cli.report.text_layout import Block, Cell, Paragraphs, Row, Table
 from rths_cli.rigs.description import adjective, capabilities_of
 
 COVERED = 0.95  # probability of the confidence interval
@@ -46,7 +46,6 @@ OTHERS = 2  # groups beside the first one in a table of text
 COLUMN = 12
 Place = tuple[str, int | None]
 HEADS = ("n", "mean", "std", "min", "max", "95 % from", "95 % to")
-REPEAT_COLUMN = 9
 KEYS = ("case", "method", "rig", "rig_kind")
 WORSE, BETTER, SAME, SEEN = "worse", "better", "same", "not judged"
 FLOOR_M_S2 = 1e-6  # smaller changes of an error are rounding, whatever their ratio
@@ -215,10 +214,9 @@ def group_tables(found: Sequence[Compared], keys: Sequence[str]) -> Iterator[Tab
             *told,
             "Mean over the complete runs of a group, ratio of means; * not all runs of the group are complete.",
         )
-        cells = tuple(map(Cell, (*heads, *ratios)))
         rows = tuple(row for place in found for row in _rows(place, chosen))
         title = f"Comparison by {', '.join(keys)} (m/s^2, test band, measured)"
-        yield Table(title, "figure", (len(heads), *([len(ratios)] if ratios else [])), COLUMN, (cells,), rows, notes)
+        yield Table(tuple(map(Column, (*heads, *ratios))), rows, title, "figure", notes)
 
 
 def _rows(place: Compared, names: Sequence[str]) -> Iterator[Row]:
@@ -228,11 +226,11 @@ def _rows(place: Compared, names: Sequence[str]) -> Iterator[Row]:
     yield Row(f"{place.where} (runs: {counts}{_mixed(runs)})")
     wanted = in_order({item for found in means for item in found})
     if not wanted:
-        yield Row("no figure", (*(_cell(members, None) for members in runs), *[Cell("-")] * (len(runs) - 1)))
+        yield Row("no figure", (*(_cell(members, None) for members in runs), *["-"] * (len(runs) - 1)))
     for item in wanted:
         cells = [_cell(members, found.get(item)) for members, found in zip(runs, means, strict=True)]
         first = means[0].get(item)
-        ratios = [Cell(_ratio(found.get(item), first)) for found in means[1:]]
+        ratios = [_ratio(found.get(item), first) for found in means[1:]]
         yield Row(place_name(item), (*cells, *ratios))
 
 
@@ -243,12 +241,12 @@ def _mixed(runs: Sequence[Sequence[Result]]) -> str:
     return f"; several cases in one group: {'; '.join(several)}" if several else ""
 
 
-def _cell(members: Sequence[Result], found: Statistics | None) -> Cell:
+def _cell(members: Sequence[Result], found: Statistics | None) -> str:
     ended = [str(result.attributes.get("status", "complete")) for result in members]
     other = [status for status in ended if status != "complete"]
     if found is None:
-        return Cell(other[0] if other else "-")
-    return Cell(six_wide(found.mean), mark="*" if other else " ")
+        return other[0] if other else "-"
+    return f"{six_wide(found.mean)}{'*' if other else ''}"
 
 
 def _ratio(above: Statistics | None, below: Statistics | None) -> str:
@@ -323,7 +321,7 @@ def repeats_tables(found: Sequence[Repeats]) -> Iterator[Table]:
             "runs that scatter independently.",
         )
         title = "Statistics over repeats (m/s^2, test band, measured)"
-        yield Table(title, "figure", (1, 4, 2), REPEAT_COLUMN, (tuple(map(Cell, HEADS)),), rows, notes)
+        yield Table(tuple(map(Column, HEADS)), rows, title, "figure", notes)
 
 
 def _repeat_rows(one: Repeats) -> Iterator[Row]:
@@ -332,17 +330,11 @@ def _repeat_rows(one: Repeats) -> Iterator[Row]:
     yield Row(f"{one.case}, {one.where}: {ends}{twice}")
     for place in in_order(one.figures):
         found = one.figures[place]
-        yield Row(place_name(place), (Cell(str(found.n)), *(Cell(_text(value)) for value in _values(found))))
+        yield Row(place_name(place), (str(found.n), *map(six_wide, _values(found))))
 
 
 def _values(found: Statistics) -> tuple[float, ...]:
     return found.mean, found.std, found.minimum, found.maximum, found.low, found.high
-
-
-def _text(value: float) -> str:
-    if not np.isfinite(value):
-        return "-"
-    return six_wide(value) if value >= 0 else f"-{six_wide(-value)}"
 
 
 @dataclass(frozen=True)
@@ -436,7 +428,7 @@ def _change(place: Place, before: float, now: float, percent: float) -> Change:
     return Change(place, before, now, WORSE if now > before else BETTER)
 
 
-def baseline_blocks(found: Sequence[CaseChanges], source: str, percent: float) -> Iterator[Block]:
+def baseline_sections(found: Sequence[CaseChanges], source: str, percent: float) -> Iterator[Section]:
     """Yield a table of the paper's metrics against the baseline, and a list of the metrics that are worse.
 
     `source`: name of the baseline; `percent`: tolerance.
@@ -445,7 +437,7 @@ def baseline_blocks(found: Sequence[CaseChanges], source: str, percent: float) -
     rows = tuple(row for one in found for row in _change_rows(one))
     title = f"Against the baseline {source} (m/s^2, test band, measured)"
     note = f"Means over repeats; same: within {percent:g} %."
-    yield Table(title, "figure", (2, 2, 1), 10, (tuple(map(Cell, heads)),), rows, (note,))
+    yield [Table(tuple(map(Column, heads)), rows, title, "figure", (note,))]
     worse = [(one.case, change) for one in found for change in one.changes if change.verdict == WORSE]
     lines = [f"  {case}: {told(change)}" for case, change in worse[:LISTED]]
     lines += [f"  {one.case}: {one.state}" for one in found if one.failed]
@@ -455,7 +447,7 @@ def baseline_blocks(found: Sequence[CaseChanges], source: str, percent: float) -
         if lines
         else f"Nothing is worse by more than {percent:g} %."
     )
-    yield Paragraphs((head, *lines, *more), 4)
+    yield [Line(line, indent=4) for line in (head, *lines, *more)]
 
 
 def told(change: Change) -> str:
@@ -472,4 +464,4 @@ def _change_rows(one: CaseChanges) -> Iterator[Row]:
         difference = f"{'-' if change.difference < 0 else '+'}{six_wide(abs(change.difference))}"
         ratio = "-" if change.ratio is None else six_wide(abs(change.ratio))
         texts = (six_wide(change.before), six_wide(change.now), difference, ratio, change.verdict)
-        yield Row(place_name(place), tuple(map(Cell, texts)))
+        yield Row(place_name(place), texts)

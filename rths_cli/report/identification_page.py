@@ -26,8 +26,9 @@ from rths_cli.identification.results import (
 from rths_cli.identification.verdict import LIMITS, agree
 from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Array, ComplexArray, Model
+from rths_cli.report.document import Block, Line, Table, grid, labelled
 from rths_cli.report.numbers import DASH, json_data, percent, rounded, significant, with_uncertainty
-from rths_cli.report.text_layout import aligned, labelled, width, wrapped_below_labels
+from rths_cli.report.to_text import text
 
 if TYPE_CHECKING:
     from rths_cli.experiment.identify_command import About
@@ -160,7 +161,7 @@ def band(low_hz: float, high_hz: float) -> str:
     return f"{rounded(low_hz)}-{rounded(high_hz)}"
 
 
-def specimen_lines(found: Identification) -> list[str]:
+def specimen_lines(found: Identification) -> list[Block]:
     """Return the lines on modes, storeys and mode shapes, from excitation and free vibration."""
     known = found.specimen or found.free_vibration
     if known is None:
@@ -173,16 +174,16 @@ def specimen_lines(found: Identification) -> list[str]:
     )
     return [
         labelled("specimen", about),
-        *aligned(_rows(found, known, floors)),
+        grid(_rows(found, known, floors)),
         labelled("", storeys),
         *_pitch(found),
-        "",
+        Line(""),
         labelled("mode shapes", "largest floor 1" + _difference(found.specimen, found.free_vibration)),
-        *_shapes(known, floors),
+        _shapes(known, floors),
     ]
 
 
-def _pitch(found: Identification) -> list[str]:
+def _pitch(found: Identification) -> list[Block]:
     """Return the line on the pitch of the base, none where that is not seen."""
     pitch, fit = found.pitch, found.specimen
     if pitch is None or fit is None or not pitch.seen:
@@ -246,17 +247,10 @@ def _difference(noise: SpecimenFit | None, free: SpecimenFit | None) -> str:
     return f"; excitation, from which free vibration differs by {significant(largest, 2)} at most"
 
 
-def _shapes(fit: SpecimenFit, floors: Sequence[str]) -> list[str]:
-    """Return the mode shapes, a row for each floor and a column for each mode that fits."""
-    label = max(len(floor) for floor in floors)
-    count = max((width() - max(label, 20) - 2) // 9, 1)
-    lines = []
-    for first in range(0, len(fit.damping_ratio), count):
-        modes = range(first, min(first + count, len(fit.damping_ratio)))
-        rows = [["", *(f"mode {mode + 1}" for mode in modes)]]
-        rows += [[floor, *(f"{fit.mode_shapes[i, mode]:.4f}" for mode in modes)] for i, floor in enumerate(floors)]
-        lines += aligned(rows)
-    return lines
+def _shapes(fit: SpecimenFit, floors: Sequence[str]) -> Table:
+    """Return the mode shapes, a row for each floor and a column for each mode."""
+    heads = ["", *(f"mode {mode + 1}" for mode in range(len(fit.damping_ratio)))]
+    return grid([heads, *([floor, *(f"{one:.4f}" for one in fit.mode_shapes[i])] for i, floor in enumerate(floors))])
 
 
 __all__ = ["as_document", "page", "rejected_document", "rejected_page", "title", "verdict_sentence"]
@@ -274,12 +268,12 @@ def page(found: Identification, about: About) -> str:
         specimen_lines(found),
         _verdict(found.verdict),
     ]
-    return _set(sections)
+    return text(sections)
 
 
 def rejected_page(channels: Sequence[ChannelReport], faults: Sequence[str], about: About) -> str:
     """Return the page of data from which no model can be made: channels, and a line for each reason."""
-    return _set([_data(about), _channels(channels, about.compared), _rejected(faults)])
+    return text([_data(about), _channels(channels, about.compared), _rejected(faults)])
 
 
 def title(about: About) -> str:
@@ -301,16 +295,11 @@ def verdict_sentence(verdict: Verdict) -> str:
     )
 
 
-def _set(sections: Sequence[Sequence[str]]) -> str:
-    """Return sections as text with wrapped_below_labels lines, separated by blank lines."""
-    return "\n\n".join(wrapped_below_labels(section) for section in sections if section) + "\n"
+def _data(about: About) -> list[Block]:
+    return [Line(title(about)), labelled("data", about.source), *(labelled(label, text) for label, text in about.lines)]
 
 
-def _data(about: About) -> list[str]:
-    return [title(about), labelled("data", about.source), *(labelled(label, text) for label, text in about.lines)]
-
-
-def _channels(channels: Sequence[ChannelReport], compared: ComparedBand) -> list[str]:
+def _channels(channels: Sequence[ChannelReport], compared: ComparedBand) -> list[Block]:
     """Return a line for each channel."""
     if not channels:
         return []
@@ -327,7 +316,7 @@ def _channels(channels: Sequence[ChannelReport], compared: ComparedBand) -> list
         ]
         for c in channels
     ]
-    return [labelled("channels", about), *aligned(rows)]
+    return [labelled("channels", about), grid(rows)]
 
 
 def _rest(rms_m_s2: float | None) -> str:
@@ -345,7 +334,7 @@ def _coherence(value: float) -> str:
     return f"{value:.5f}" if np.isfinite(value) else DASH
 
 
-def _table(found: Identification) -> list[str]:
+def _table(found: Identification) -> list[Block]:
     """Return the lines on structure, delay, gain and fit errors of the table's models."""
     low, high = found.verdict.feedforward_hz
     reach = f"{rounded(low)} to {rounded(high)} Hz" if high > low else "nowhere"
@@ -363,9 +352,9 @@ def _table(found: Identification) -> list[str]:
             f"{reach} ({100.0 * LIMITS.rms:.0f} % rms, {100.0 * LIMITS.largest:.0f} % largest, beyond the data's "
             "scatter)",
         ),
-        "",
+        Line(""),
         labelled("fit error", f"|model / FRF - 1| in %, rms and largest in {band(*found.compared.hz)} Hz"),
-        *aligned(
+        grid(
             [
                 ["model", "poles", "zeros", "fitted (Hz)", "rms", "largest", f"rms {band(*found.compared.mid_hz)} Hz"],
                 _fit("best", found.best, found.best_error),
@@ -375,7 +364,7 @@ def _table(found: Identification) -> list[str]:
     ]
 
 
-def _identified_delay(latency: DelayEstimate | None) -> list[str]:
+def _identified_delay(latency: DelayEstimate | None) -> list[Block]:
     """Return the line on the delay that was identified together with free roots."""
     if latency is None:
         return []
@@ -384,7 +373,7 @@ def _identified_delay(latency: DelayEstimate | None) -> list[str]:
     return [labelled("  delay as identified", f"{seen} ms, {declared} ms declared (latency, hold, transport)")]
 
 
-def _structure(found: Identification) -> list[str]:
+def _structure(found: Identification) -> list[Block]:
     """Return the lines on the model structures that were tried, with their held-out errors."""
     if not found.candidates:
         return [labelled("  structure", "as given; no others were tried")]
@@ -394,7 +383,7 @@ def _structure(found: Identification) -> list[str]:
         for c in found.candidates
     ]
     meaning = "zeros off the origin; held-out error over the data's own scatter: 1 is all that the data can tell"
-    return [*aligned(rows), labelled("", meaning)]
+    return [grid(rows), labelled("", meaning)]
 
 
 def _fit(name: str, model: Model, error: FitError) -> list[str]:
@@ -402,7 +391,7 @@ def _fit(name: str, model: Model, error: FitError) -> list[str]:
     return [name, *size, percent(error.rms), percent(error.largest), percent(error.rms_mid)]
 
 
-def root_lines(roots: Sequence[Root]) -> list[str]:
+def root_lines(roots: Sequence[Root]) -> list[Block]:
     """Return a line for each root or pair of roots of the best model."""
     rows = [["", "frequency (Hz)", "damping ratio (%)"]]
     for root in roots:
@@ -416,19 +405,19 @@ def root_lines(roots: Sequence[Root]) -> list[str]:
                 damping if np.isfinite(root.damping_ratio) else "real",
             ]
         )
-    return [labelled("roots, best", "zeros off the origin; +- 2 standard uncertainties"), *aligned(rows)]
+    return [labelled("roots, best", "zeros off the origin; +- 2 standard uncertainties"), grid(rows)]
 
 
-def _residuals(bands: Sequence[Band]) -> list[str]:
+def _residuals(bands: Sequence[Band]) -> list[Block]:
     rows = [["band (Hz)", "rms", "largest", "data's scatter", "coherence"]]
     rows += [
         [band(b.low_hz, b.high_hz), percent(b.rms), percent(b.largest), percent(b.scatter), _coherence(b.coherence)]
         for b in bands
     ]
-    return [labelled("residual, best", "|model / FRF - 1| in %, and the FRF's own standard error"), *aligned(rows)]
+    return [labelled("residual, best", "|model / FRF - 1| in %, and the FRF's own standard error"), grid(rows)]
 
 
-def _levels(levels: Sequence[LevelBand], causes: LevelCauses, compared: ComparedBand) -> list[str]:
+def _levels(levels: Sequence[LevelBand], causes: LevelCauses, compared: ComparedBand) -> list[Block]:
     """Return the lines on the change of the table's response at low level, and its meaning."""
     if not levels:
         return []
@@ -445,7 +434,7 @@ def _levels(levels: Sequence[LevelBand], causes: LevelCauses, compared: Compared
             ]
         )
     heading = labelled("amplitude dependence", "low level over full level, +- 2 standard errors")
-    return [heading, *aligned(rows), labelled("", _meaning(levels, causes, compared))]
+    return [heading, grid(rows), labelled("", _meaning(levels, causes, compared))]
 
 
 def _meaning(levels: Sequence[LevelBand], causes: LevelCauses, compared: ComparedBand) -> str:
@@ -460,7 +449,7 @@ def _meaning(levels: Sequence[LevelBand], causes: LevelCauses, compared: Compare
     return f"{size}: {cause}; the model holds best near full level"
 
 
-def _friction(found: Identification) -> list[str]:
+def _friction(found: Identification) -> list[Block]:
     """Return the line on friction, as a command and the equivalent displacement; the force is not known."""
     friction = found.friction
     if friction is None:
@@ -484,13 +473,13 @@ def _in_slip(friction: Friction) -> str:
     return f"; in slip {with_uncertainty(sliding, error, 1e3)} mV, it holds like a spring after each reversal"
 
 
-def _verdict(verdict: Verdict) -> list[str]:
+def _verdict(verdict: Verdict) -> list[Block]:
     """Return the lines on warnings and verdict."""
-    warnings = [labelled("warning", warning) for warning in verdict.warnings]
+    warnings: list[Block] = [labelled("warning", warning) for warning in verdict.warnings]
     if not verdict.accepted:
         return warnings + _rejected(verdict.reasons)
-    return [*warnings, labelled("verdict", verdict_sentence(verdict))]
+    return [*warnings, labelled("verdict", verdict_sentence(verdict), "accepted")]
 
 
-def _rejected(reasons: Sequence[str]) -> list[str]:
-    return [labelled("" if i else "verdict", f"rejected: {reason}") for i, reason in enumerate(reasons)]
+def _rejected(reasons: Sequence[str]) -> list[Block]:
+    return [labelled("" if i else "verdict", f"rejected: {one}", "rejected") for i, one in enumerate(reasons)]

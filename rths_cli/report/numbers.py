@@ -1,6 +1,7 @@
 """Every number that is printed: its digits, its interval and uncertainty, and its value in JSON.
 
-The format of a number is changed here and nowhere else.
+The format of a number is changed here and nowhere else: `six_wide` in the paper's tables, `three` in the answer,
+`significant` and `percent` on the pages of commands, `rounded` in sentences. A number that is not finite is a dash.
 """
 
 from __future__ import annotations
@@ -50,19 +51,16 @@ def intervals_json(intervals: Mapping[str, Interval]) -> dict[str, dict[str, Any
     }
 
 
-def three(value: float) -> str:
-    """Return a number with three significant digits, without an exponent where it is of ordinary size."""
-    if not math.isfinite(value):
-        return "-"
-    rounded = float(f"{value:.3g}")  # which may carry into another power of ten
-    if rounded == 0.0 or 1e-4 <= abs(rounded) < 1e5:
-        return f"{rounded:.{max(2 - math.floor(math.log10(abs(rounded))), 0) if rounded else 0}f}"
-    return f"{rounded:.2e}"
+DASH = "-"  # a number that is not known
+MOST_DECIMALS = 6
+LARGEST_WRITTEN_OUT = 1e9
 
 
 def six_wide(value: float) -> str:
-    """Return a number that is not negative in at most six characters, with four decimals if they fit."""
+    """Return a number in at most six characters and its sign, with four decimals if they fit."""
     size = abs(value)
+    if not math.isfinite(value):
+        return DASH
     if 0 < size < 1e-9 or size >= 9.95e98:
         return "<1e-9" if size < 1 else ">1e99"
     if size != 0 and (size < 5e-5 or size >= 99999.5):
@@ -74,17 +72,8 @@ def six_wide(value: float) -> str:
     return f"{value:.0f}"
 
 
-DASH = "-"
-
-
-MOST_DECIMALS = 6
-
-
-LARGEST_WRITTEN_OUT = 1e9
-
-
 def significant(value: float, digits: int = 3) -> str:
-    """Return a number with `digits` significant digits, a dash if it is not known (not finite)."""
+    """Return a number with `digits` significant digits, all of those before the decimal point."""
     if not math.isfinite(value):
         return DASH
     if value != 0.0 and not 10.0**-MOST_DECIMALS <= abs(value) < LARGEST_WRITTEN_OUT:
@@ -93,9 +82,27 @@ def significant(value: float, digits: int = 3) -> str:
     return f"{value:.{max(digits - 1 - exponent, 0)}f}"
 
 
-def rounded(value: float) -> str:
-    """Return a number with at most three significant digits, a dash if it is not known (not finite)."""
-    return f"{value:.3g}" if math.isfinite(value) else DASH
+def three(value: float) -> str:
+    """Return a number with three significant digits and no more, without an exponent where it is of ordinary size."""
+    rounded = float(f"{value:.3g}")  # which may carry into another power of ten
+    if rounded == 0.0:
+        return "0"
+    return f"{rounded:.2e}" if math.isfinite(value) and not 1e-4 <= abs(rounded) < 1e5 else significant(rounded)
+
+
+def rounded(value: float, digits: int = 3) -> str:
+    """Return a number with at most `digits` significant digits."""
+    return f"{value:.{digits}g}" if math.isfinite(value) else DASH
+
+
+def percent(share: float) -> str:
+    """Return a fraction in percent."""
+    return significant(100.0 * share)
+
+
+def milliseconds(seconds: float) -> str:
+    """Return a time in ms with three decimals, without a minus sign before zero."""
+    return f"{round(1e3 * seconds, 3) + 0.0:.3f}"
 
 
 def with_uncertainty(value: float, standard: float, scale: float = 1.0) -> str:
@@ -116,16 +123,6 @@ def with_uncertainty(value: float, standard: float, scale: float = 1.0) -> str:
     decimals = min(1 - math.floor(math.log10(float(f"{spread:.1e}"))), MOST_DECIMALS)
     shown = max(decimals, 0)
     return f"{round(value, decimals):.{shown}f} +- {round(spread, decimals):.{shown}f}"
-
-
-def percent(share: float) -> str:
-    """Return a fraction in percent, a dash if it is not known."""
-    return significant(100.0 * share)
-
-
-def rounded_to_four(value: float) -> str:
-    """Return a number with four significant digits, "-" if it is not finite."""
-    return f"{float(value):.4g}" if np.isfinite(value) else "-"
 
 
 def json_data(value: Any) -> Any:

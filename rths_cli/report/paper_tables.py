@@ -4,45 +4,39 @@ claims judged on its numbers and ours."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 
 from rths_cli.files.result_reader import COMPLETE, Result
+from rths_cli.report.document import Block, Column, Line, Row, Table
 from rths_cli.report.numbers import six_wide
 from rths_cli.report.results_by_case import (
+    EXP_ERROR,
     METHODS,
     PUBLISHED,
+    SIM_DELAY_ERROR,
     Entry,
     controllers,
     damping_key,
-    methods,
-    published,
-    run_state,
-    state,
-    storeys,
-)
-from rths_cli.report.text_layout import (
-    EXP_ERROR,
-    SIM_DELAY_ERROR,
-    TESTS,
-    TRACKING,
-    Cell,
-    Row,
-    Table,
     mark,
+    methods,
     of,
     our_cells,
+    published,
     published_cells,
     ratio,
+    run_state,
     sim_delay_result,
+    state,
+    storeys,
     words,
-    wrapped,
 )
 
+TRACKING = ("tracking_max_m_s2", "tracking_rms_m_s2")
+TESTS = {"shake_table": "shake table test", "exp_rths": "RTHS"}
 TRACKING_KINDS = {"true": "_true", "full band, measured": "_full", "full band, true": "_true_full"}
-WIDTH = 7
-
-Cells = Callable[[Entry | None, int], tuple[Cell, ...]]
+Cells = tuple[str | None, ...]
+CellsOf = Callable[[Entry | None, int], Cells]
 RESPONSE_KINDS = {"true": "_true", "full": "_full", "full-t": "_true_full"}
 DAMPINGS_PER_TABLE = 2
 KINDS = {"meas.": "", "true": "_true", "full": "_full", "full-t": "_true_full"}
@@ -51,31 +45,24 @@ ERRORS = {"RMS": "rms_error_m_s2", "max": "max_error_m_s2"}
 FACTORS = {"m/s^2": 1.0, "mm/s^2": 1e3}
 RUNS = {"SIM-DELAY": "sim_delay", "EXP-RTHS": "exp_rths"}
 HELD, NOT_HELD, UNJUDGED = "held", "not held", "cannot be judged"
-HEADS = (Cell("source"), Cell("measured"), Cell("true"), Cell("figures compared"))
+HEADS = ("source", "measured", "true", "figures compared")
 
 
 def tracking_tables(cases: Sequence[Entry]) -> Iterator[Table]:
     """Yield Table 5.1: measured in the test band, then true (on a virtual rig) and in full band."""
-    ours = methods(cases)
-    name = cases[0].table_name
-    yield Table(
-        f"Table 5.1  Tracking error (m/s^2), test band, measured; {name}",
-        "control",
-        (2,) * 2 * (1 + len(ours)),
-        WIDTH,
-        _headers(("published", *ours)),
-        tuple(_tracking_rows(cases, {"": ""}, with_published=True)),
-    )
+    ours, name = methods(cases), cases[0].table_name
+    title = f"Table 5.1  Tracking error (m/s^2), test band, measured; {name}"
+    rows = tuple(_tracking_rows(cases, {"": ""}, with_published=True))
+    yield Table(_tracking_columns(("published", *ours)), rows, title, "control")
     kinds = TRACKING_KINDS if cases[0].virtual else {"full band, measured": "_full"}
     what = "true and full band" if cases[0].virtual else "full band"
-    yield Table(
-        f"Table 5.1, more  Tracking error (m/s^2), {what}; {name}",
-        "control",
-        (2,) * 2 * len(ours),
-        WIDTH,
-        _headers(ours),
-        tuple(_tracking_rows(cases, kinds, with_published=False)),
-    )
+    rows = tuple(_tracking_rows(cases, kinds, with_published=False))
+    yield Table(_tracking_columns(ours), rows, f"Table 5.1, more  Tracking error (m/s^2), {what}; {name}", "control")
+
+
+def _tracking_columns(sources: Sequence[str]) -> tuple[Column, ...]:
+    tests = ("(1) Shake table test", "(2) RTHS")
+    return tuple(Column(name, (test, one)) for test in tests for one in sources for name in ("max", "RMS"))
 
 
 def _tracking_rows(cases: Sequence[Entry], kinds: Mapping[str, str], with_published: bool) -> Iterator[Row]:
@@ -96,20 +83,14 @@ def _lines(members: Sequence[Entry], every: Sequence[str]) -> list[tuple[str, En
     return [(name, found.get(name)) for name in shown]
 
 
-def _cells(entry: Entry | None, suffix: str, sources: Sequence[str], with_published: bool) -> tuple[Cell, ...]:
-    cells: tuple[Cell, ...] = ()
+def _cells(entry: Entry | None, suffix: str, sources: Sequence[str], with_published: bool) -> Cells:
+    cells: Cells = ()
     for test in TESTS:
         paths = [f"{test}.{figure}{suffix}" for figure in TRACKING]
         cells += published_cells(entry, paths) if with_published else ()
         for method in sources:
             cells += our_cells(of(entry, method), paths)
     return cells
-
-
-def _headers(sources: Sequence[str]) -> tuple[tuple[Cell, ...], ...]:
-    span = 2 * len(sources)
-    tests = (Cell("(1) Shake table test", span), Cell("(2) RTHS", span))
-    return tests, tuple(Cell(source, 2) for source in sources) * 2, (Cell("max"), Cell("RMS")) * span
 
 
 def response_tables(cases: Sequence[Entry]) -> Iterator[Table]:
@@ -128,7 +109,7 @@ def _errors(cases: Sequence[Entry]) -> Table:
     """Return the table of measured RMS errors in the test band, of SIM-DELAY and EXP-RTHS, also the published ones."""
     sources = methods(cases)
 
-    def cells(entry: Entry | None, storey: int) -> tuple[Cell, ...]:
+    def cells(entry: Entry | None, storey: int) -> Cells:
         row = published_cells(entry, [SIM_DELAY_ERROR], storey)
         row += our_cells(sim_delay_result(entry), [SIM_DELAY_ERROR], storey)
         row += published_cells(entry, [EXP_ERROR], storey)
@@ -136,10 +117,10 @@ def _errors(cases: Sequence[Entry]) -> Table:
             row += our_cells(of(entry, method), [EXP_ERROR], storey)
         return row
 
-    groups = (Cell("SIM-DELAY", 2), Cell("EXP-RTHS", 1 + len(sources)))
-    names = (Cell("publ."), Cell("ours"), Cell("publ."), *(Cell(source) for source in sources))
-    what = "RMS error to SIM (m/s^2), test band, measured"
-    return _table(what, cases, (len(names),), 9, (groups, names), cells)
+    delayed, tested = ("SIM-DELAY",), ("EXP-RTHS",)
+    columns = [Column("publ.", delayed), Column("ours", delayed), Column("publ.", tested)]
+    columns += [Column(source, tested) for source in sources]
+    return _table("RMS error to SIM (m/s^2), test band, measured", cases, columns, cells)
 
 
 def _other_errors(cases: Sequence[Entry]) -> Table:
@@ -147,19 +128,16 @@ def _other_errors(cases: Sequence[Entry]) -> Table:
     sources = methods(cases)
     kinds = RESPONSE_KINDS if cases[0].virtual else {"full": "_full"}
 
-    def cells(entry: Entry | None, storey: int) -> tuple[Cell, ...]:
-        row: tuple[Cell, ...] = ()
+    def cells(entry: Entry | None, storey: int) -> Cells:
+        row: Cells = ()
         for method in sources:
             paths = [EXP_ERROR + suffix for suffix in kinds.values()]
             row += our_cells(of(entry, method), paths, storey)
         return row
 
-    heads = (
-        tuple(Cell(f"EXP-RTHS {source}", len(kinds)) for source in sources),
-        tuple(Cell(kind) for kind in kinds) * len(sources),
-    )
+    columns = [Column(kind, (f"EXP-RTHS {source}",)) for source in sources for kind in kinds]
     what = "RMS error to SIM (m/s^2), " + ("true and full band" if cases[0].virtual else "full band")
-    return _table(what, cases, (len(kinds),) * len(sources), 7 if len(kinds) > 1 else 18, heads, cells)
+    return _table(what, cases, columns, cells)
 
 
 def _ratios(cases: Sequence[Entry]) -> Table:
@@ -167,7 +145,7 @@ def _ratios(cases: Sequence[Entry]) -> Table:
     sources = methods(cases)
     kinds = {"meas.": "", "true": "_true"} if cases[0].virtual else {"meas.": ""}
 
-    def cells(entry: Entry | None, storey: int) -> tuple[Cell, ...]:
+    def cells(entry: Entry | None, storey: int) -> Cells:
         theirs = (published(entry, path, storey) if entry else "-" for path in (EXP_ERROR, SIM_DELAY_ERROR))
         row = words([ratio(*theirs)])
         delayed = sim_delay_result(entry)
@@ -178,42 +156,25 @@ def _ratios(cases: Sequence[Entry]) -> Table:
             row += words([ratio(item, below) for item in above], mark(result, EXP_ERROR))
         return row
 
-    heads = (
-        (Cell("publ."), *(Cell(source, len(kinds)) for source in sources)),
-        (Cell(""), *[Cell(kind) for kind in kinds] * len(sources)),
-    )
-    what = "EXP-RTHS / SIM-DELAY (ratio of RMS errors, -)"
-    return _table(what, cases, (1 + len(kinds) * len(sources),), 9, heads, cells)
+    columns = [Column("", ("publ.",)), *(Column(kind, (source,)) for source in sources for kind in kinds)]
+    return _table("EXP-RTHS / SIM-DELAY (ratio of RMS errors, -)", cases, columns, cells)
 
 
-def _table(
-    what: str,
-    cases: Sequence[Entry],
-    groups: tuple[int, ...],
-    column_width: int,
-    heads: Sequence[tuple[Cell, ...]],
-    cells: Cells,
-) -> Table:
+def _table(what: str, cases: Sequence[Entry], columns: Sequence[Column], cells: CellsOf) -> Table:
     """Return a table of storeys (rows) and damping levels (bands of the same columns)."""
     levels = sorted({damping_key(entry) for entry in cases})
-    name = cases[0].table_name
-    return Table(
-        f"Table 5.2, {cases[0].controller}  {what}; {name}",
-        "storey",
-        groups * len(levels),
-        column_width,
-        (tuple(Cell(f"damping {level[-1]}", sum(groups)) for level in levels), *(row * len(levels) for row in heads)),
-        tuple(_response_rows(cases, levels, cells)),
-    )
+    title = f"Table 5.2, {cases[0].controller}  {what}; {cases[0].table_name}"
+    banded = (replace(one, group=(f"damping {level[-1]}", *one.group)) for level in levels for one in columns)
+    return Table(tuple(banded), tuple(_response_rows(cases, levels, cells)), title, "storey")
 
 
-def _response_rows(cases: Sequence[Entry], levels: Sequence[tuple[bool, float, str]], cells: Cells) -> Iterator[Row]:
+def _response_rows(cases: Sequence[Entry], levels: Sequence[tuple[bool, float, str]], cells: CellsOf) -> Iterator[Row]:
     by_record = sorted(cases, key=lambda entry: [e.excitation for e in cases].index(entry.excitation))
     for heading, group in groupby(by_record, key=lambda entry: entry.excitation):
         yield Row(heading)
         found = {damping_key(entry): entry for entry in group}
         for storey in range(storeys(list(found.values()))):
-            row: tuple[Cell, ...] = ()
+            row: Cells = ()
             for level in levels:
                 row += cells(found.get(level), storey)
             yield Row(str(storey + 1), row)
@@ -224,20 +185,13 @@ def single_table(entry: Entry, unit: str = "m/s^2") -> Table:
 
     `unit`: of the errors, "m/s^2" or "mm/s^2".
     """
-    kinds, known = _kinds(entry), 1 if entry.published else 0
-    heads = (
-        (*[Cell("")] * known, *(Cell(method, len(kinds)) for method in entry.results)),
-        (*[Cell("publ.")] * known, *[Cell(kind) for kind in kinds] * len(entry.results)),
-    )
+    known = [Column("publ.")] if entry.published else []
+    columns = [Column(kind, (method,)) for method in entry.results for kind in _kinds(entry)]
     what = f"{entry.excitation}, damping {entry.damping}, controller {entry.controller}"
-    return Table(
-        f"{what}: errors ({unit}, test band unless full); {entry.table_name}",
-        "",
-        (*(1,) * known, *(len(kinds),) * len(entry.results)),
-        9 if len(entry.results) < 2 else 8,
-        heads,
-        (*_tracking(entry, FACTORS[unit]), *_case_errors(entry, FACTORS[unit]), *_case_ratios(entry)),
-    )
+    title = f"{what}: errors ({unit}, test band unless full); {entry.table_name}"
+    factor = FACTORS[unit]
+    rows = (*_tracking(entry, factor), *_case_errors(entry, factor), *_case_ratios(entry))
+    return Table((*known, *columns), rows, title)
 
 
 def paths() -> Iterator[str]:
@@ -292,7 +246,7 @@ def _ratio(result: Result, suffix: str, storey: int) -> float | str:
     return ratio(above, below)
 
 
-def _case_cells(entry: Entry, path: str, storey: int | None, factor: float) -> tuple[Cell, ...]:
+def _case_cells(entry: Entry, path: str, storey: int | None, factor: float) -> Cells:
     cells = words(_scaled([published(entry, path, storey)], factor)) if entry.published else ()
     for result in entry.results.values():
         states: Sequence[float | str] = [_state(result, path, s, storey) for s in _kinds(entry).values()]
@@ -346,8 +300,8 @@ class Claim:
     comparisons: Callable[[Sequence[Entry]], Iterator[Comparison]]  # finds its comparisons among the cases
 
 
-def claims_text(cases: Sequence[Entry]) -> str:
-    """Return the verdicts for measured metrics as text, then those that differ for true metrics."""
+def claims_lines(cases: Sequence[Entry]) -> list[Block]:
+    """Return the verdicts for measured metrics as lines, then those that differ for true metrics."""
     lines = [f"The paper's claims (m/s^2, test band, measured); {cases[0].table_name}"]
     turned: list[str] = []
     for place, claim in enumerate(CLAIMS, 1):
@@ -356,10 +310,9 @@ def claims_text(cases: Sequence[Entry]) -> str:
         if cases[0].virtual:
             turned += _claim_lines(_turned(measured, judge(claim, cases, "_true")), f"{place}. ")
     absent = [method for method in methods(cases) if not any(of(entry, method) for entry in cases)]
-    lines += ["", *(f"Method {method} was not run: nothing is judged for it." for method in absent)]
-    if turned:
-        lines += ["Where true figures give another verdict than measured ones:", *turned]
-    return wrapped(lines, indent=33).rstrip()
+    last = [f"Method {method} was not run: nothing is judged for it." for method in absent]
+    last += ["Where true figures give another verdict than measured ones:", *turned] if turned else []
+    return [Line(line, indent=33) for line in (*lines, *([""] if last else []), *last)]
 
 
 def judge(claim: Claim, cases: Sequence[Entry], suffix: str) -> list[Verdict]:
@@ -511,11 +464,12 @@ CLAIMS = (
 
 def claims_tables(cases: Sequence[Entry]) -> Iterator[Table]:
     """Yield a table for each claim with comparisons among these cases: where, verdicts, compared metrics."""
+    columns = tuple(Column(head, words=True) for head in HEADS)
     for place, claim in enumerate(CLAIMS, 1):
-        rows = tuple(_rows(claim, cases))
-        if rows:
-            title = f"Claim {place} of the paper: {claim.text} (m/s^2, test band); {cases[0].table_name}"
-            yield Table(title, "where", (4,), 16, (HEADS,), rows)
+        if rows := tuple(_rows(claim, cases)):
+            title = f"Claim {place} of the paper (m/s^2, test band); {cases[0].table_name}"
+            note = f"{place}. {claim.text}: {_count(judge(claim, cases, ''))}."
+            yield Table(columns, rows, title, "where", (note,))
 
 
 def _rows(claim: Claim, cases: Sequence[Entry]) -> Iterator[Row]:
@@ -524,5 +478,4 @@ def _rows(claim: Claim, cases: Sequence[Entry]) -> Iterator[Row]:
     true = judge(claim, cases, "_true") if virtual else measured
     for seen, real in zip(measured, true, strict=True):
         verdict = real.verdict if virtual and seen.source != "published" else "-"
-        texts = (seen.source, seen.verdict, verdict, seen.because)
-        yield Row(seen.where, tuple(Cell(text) for text in texts))
+        yield Row(seen.where, (seen.source, seen.verdict, verdict, seen.because))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from rths_cli.report.text_layout import labelled, wrapped_below_labels
+from rths_cli.report.document import Block, labelled
+from rths_cli.report.to_text import text
 
 if TYPE_CHECKING:
     from rths_cli.laboratory.plugin import Tested
@@ -13,14 +14,14 @@ if TYPE_CHECKING:
 
 def page(package: str, found: Sequence[Tested]) -> str:
     """Return what became of a package's rigs and laws as text."""
-    lines = [labelled("verdict", verdict(package, found))]
+    sections: list[list[Block]] = [[labelled("verdict", verdict(package, found))]]
     for one in found:
         interface = f"interface {one.interface} of {one.group}" if one.interface else one.group
-        lines += ["", labelled(one.name, f"{one.value}, {interface}")]
-        lines += [
+        clauses = (
             labelled("  broken" if kept.fault else "  kept", _clause(kept.clause, kept.fault)) for kept in one.clauses
-        ]
-    return wrapped_below_labels(lines) + "\n"
+        )
+        sections.append([labelled(one.name, f"{one.value}, {interface}"), *clauses])
+    return text(sections)
 
 
 def verdict(package: str, found: Sequence[Tested]) -> str:

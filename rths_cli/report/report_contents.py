@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
+from rths_cli.report.document import Document, Section
 from rths_cli.report.group_comparison import (
     CaseChanges,
     Compared,
     Repeats,
     against,
-    baseline_blocks,
+    baseline_sections,
     check_keys,
     compare,
     group_name,
@@ -21,9 +22,8 @@ from rths_cli.report.group_comparison import (
     repeats_tables,
 )
 from rths_cli.report.input_files import Inputs, Unread, doubled, other_units
-from rths_cli.report.result_tables import blocks
-from rths_cli.report.sweep_page import page
-from rths_cli.report.text_layout import Block, Fixed, Paragraphs, plain_text
+from rths_cli.report.result_tables import document, listed
+from rths_cli.report.sweep_page import sections
 
 
 @dataclass(frozen=True)
@@ -96,33 +96,28 @@ def _compared(baseline: tuple[str, Inputs, float] | None, results: Sequence[Resu
     return Baseline(source, percent, tuple(against(results, read.results, percent)))
 
 
-def comparison_text(found: Contents) -> str:
-    """Return groups, repeats, baseline and faults of the files as text; sweeps have sections of their own in a page."""
-    return plain_text([*_comparisons(found), *_faulty(found)])
+def comparison(found: Contents) -> Document:
+    """Return groups, repeats, baseline and faults of the files; sweeps have sections of their own in a page."""
+    return [*_comparisons(found), *_faulty(found)]
 
 
-def all_blocks(found: Contents, laid_out: bool, paper: bool = False) -> list[Block]:
-    """Return all blocks of a report; `laid_out`: for a terminal; `paper`: claims in any case (see `blocks`)."""
-    shown: list[Block] = blocks(found.inputs.results, laid_out=laid_out, paper=paper) if found.inputs.results else []
-    return [*shown, *_more(found)]
+def all_sections(found: Contents, laid_out: bool, paper: bool = False) -> Document:
+    """Return all sections of a report; `laid_out`: for a terminal; `paper`: claims in any case (see `document`)."""
+    results = found.inputs.results
+    shown = document(results, laid_out=laid_out, paper=paper) if results else []
+    sweeps = (section for path, sweep in found.inputs.sweeps for section in sections(sweep, path))
+    return [*shown, *_comparisons(found), *sweeps, *_faulty(found)]
 
 
-def _more(found: Contents) -> Iterator[Block]:
-    yield from _comparisons(found)
-    yield from (Fixed(page(sweep, path).rstrip("\n")) for path, sweep in found.inputs.sweeps)
-    yield from _faulty(found)
-
-
-def _comparisons(found: Contents) -> Iterator[Block]:
+def _comparisons(found: Contents) -> Iterator[Section]:
     if found.groups:
-        yield from group_tables(found.groups, found.keys)
-    yield from repeats_tables(found.repeats)
+        yield from ([table] for table in group_tables(found.groups, found.keys))
+    yield from ([table] for table in repeats_tables(found.repeats))
     if found.baseline:
-        yield from baseline_blocks(found.baseline.changes, found.baseline.source, found.baseline.percent)
+        yield from baseline_sections(found.baseline.changes, found.baseline.source, found.baseline.percent)
 
 
-def _faulty(found: Contents) -> Iterator[Block]:
-    if found.unread:
-        yield Paragraphs(("Not in the tables", *(f"  {one.sentence}" for one in found.unread)), 4)
-    if found.clashes:
-        yield Paragraphs(("Clashing results", *(f"  {one.sentence}" for one in found.clashes)), 4)
+def _faulty(found: Contents) -> Iterator[Section]:
+    for title, files in (("Not in the tables", found.unread), ("Clashing results", found.clashes)):
+        if files:
+            yield listed(title, (one.sentence for one in files))

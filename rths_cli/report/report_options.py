@@ -15,7 +15,7 @@ from rths_cli.files.result_writer import check_writable, refusal
 from rths_cli.files.sweep_parquet import check_parquet
 from rths_cli.report.group_comparison import DEFAULT_PERCENT
 from rths_cli.report.input_files import read_inputs
-from rths_cli.report.report_contents import Contents, all_blocks, contents
+from rths_cli.report.report_contents import Contents, all_sections, contents
 from rths_cli.report.result_scale import in_model_scale, reported, scale_words
 from rths_cli.safe_text import visible
 
@@ -113,16 +113,16 @@ def rendered(asked: Asked, found: Contents) -> str:
 
         return tidy(found)
     if asked.table == "markdown":
-        from rths_cli.report.formats.markdown import markdown
+        from rths_cli.report.to_files import markdown
 
-        return markdown(all_blocks(found, laid_out=False, paper=asked.paper))
+        return markdown(all_sections(found, laid_out=False, paper=asked.paper))
     if asked.table == "latex":
-        from rths_cli.report.formats.latex import latex
+        from rths_cli.report.to_files import latex
 
-        return latex(all_blocks(found, laid_out=False, paper=asked.paper))
-    from rths_cli.report.text_layout import plain_text
+        return latex(all_sections(found, laid_out=False, paper=asked.paper))
+    from rths_cli.report.to_text import text
 
-    return plain_text(all_blocks(found, laid_out=True, paper=asked.paper))
+    return text(all_sections(found, laid_out=True, paper=asked.paper))
 
 
 def check_output(option: str, path: Path, inputs: Iterable[Path], replace: bool = True) -> tuple[Path, ...]:

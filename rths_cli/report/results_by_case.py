@@ -16,6 +16,8 @@ from rths_cli.case.yaml_reader import Source, parse
 from rths_cli.errors import InputError
 from rths_cli.files.raw_log import SUFFIX, read_header
 from rths_cli.files.result_reader import BEGUN, COMPLETE, Result, read_checked, result_files
+from rths_cli.report.document import across
+from rths_cli.report.numbers import six_wide
 from rths_cli.report.result_scale import in_model_scale
 from rths_cli.rigs.description import capabilities_of
 
@@ -27,6 +29,8 @@ DAMPINGS = ("low", "high")
 CONTROLLERS = ("FF", "FF+FB", "none")
 DIVERGED = "diverged"
 TABLE_RUNS = ("shake_table", "exp_rths")
+SIM_DELAY_ERROR, EXP_ERROR = "sim_delay.rms_error_m_s2", "exp_rths.rms_error_m_s2"
+UNFINISHED = "*"  # mark of a metric whose run did not end as planned
 SHORT = {"interrupted": "halted"}  # in a narrow column
 
 ACCEPT = re.compile(r"^accept:.*\n(?:[ -].*\n)*", re.MULTILINE)
@@ -162,6 +166,48 @@ def run_state(result: Result, path: str) -> str:
     told = {name: result.attributes[f"{name}_status"] for name in TABLE_RUNS if f"{name}_status" in result.attributes}
     end = str(told.get(run, COMPLETE if told else status))
     return status if end == BEGUN else end
+
+
+def mark(result: Result | None, path: str) -> str:
+    """Return UNFINISHED if the run of a metric did not end as planned, "" if it did or was refused."""
+    return UNFINISHED if result and run_state(result, path) not in (COMPLETE, "refused") else ""
+
+
+def words(states: Sequence[float | str], mark: str = "") -> tuple[str | None, ...]:
+    """Return one cell per state (number or word); a word that all states share reaches over their columns."""
+    first = states[0]
+    if isinstance(first, str) and all(item == first for item in states):
+        return across(first, len(states))
+    return tuple(one if isinstance(one, str) else f"{six_wide(one)}{mark}" for one in states)
+
+
+def our_cells(result: Result | None, paths: Sequence[str], index: int | None = None) -> tuple[str | None, ...]:
+    """Return the cells of metrics of one result; `index`: storey, from 0; None: a metric with one value."""
+    return words([state(result, path, index) for path in paths], mark(result, paths[0]))
+
+
+def published_cells(entry: Entry | None, paths: Sequence[str], index: int | None = None) -> tuple[str | None, ...]:
+    """Return the cells of published metrics; `index` as in `our_cells`."""
+    return words([published(entry, path, index) if entry else "-" for path in paths])
+
+
+def of(entry: Entry | None, method: str) -> Result | None:
+    """Return the result of a method, None if it was not run."""
+    return entry.results.get(method) if entry else None
+
+
+def sim_delay_result(entry: Entry | None) -> Result | None:
+    """Return the result whose SIM-DELAY is shown, the last one with its errors; all methods have the same SIM-DELAY."""
+    found = list(entry.results.values()) if entry else []
+    having = [r for r in reversed(found) if look_up(r.metrics, SIM_DELAY_ERROR, 0) is not None]
+    return next(iter(having or found), None)
+
+
+def ratio(above: float | str, below: float | str) -> float | str:
+    """Return the ratio of EXP-RTHS to SIM-DELAY, or the word of the one that has no number."""
+    if isinstance(above, str) or isinstance(below, str):
+        return above if isinstance(above, str) else str(below)
+    return above / below if below > 0 else "-"
 
 
 def published(entry: Entry, path: str, index: int | None = None) -> float | str:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rths_cli.report.document import Block, Line, grid, labelled, labelled_lines
 from rths_cli.report.numbers import significant
-from rths_cli.report.text_layout import LABEL, WIDTH, labelled
+from rths_cli.report.to_text import WIDTH, laid_out_in, text
 from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
@@ -21,18 +21,19 @@ MOST_FLOORS = 12  # of the mode shapes on the page
 PARTS = ("numerical", "experimental")
 
 
-def page(found: Inspected, width: int = WIDTH) -> str:
-    """Return a building as text of at most `width` columns."""
+def page(found: Inspected, columns: int = WIDTH) -> str:
+    """Return a building as text of at most `columns` columns."""
     sections = [
         _about(found),
-        _storeys(found, width),
-        _stiffness_sets(found, width),
-        _modes(found, width),
-        _damping(found, width),
-        _shapes(found, width),
-        _prototype(found, width),
+        _storeys(found),
+        _stiffness_sets(found),
+        _modes(found),
+        _damping(found),
+        _shapes(found),
+        _prototype(found),
     ]
-    return "\n\n".join(_wrapped(section, width) for section in sections if section) + "\n"
+    with laid_out_in(columns):
+        return text(sections)
 
 
 def document(found: Inspected) -> dict[str, Any]:
@@ -93,12 +94,7 @@ def _level(level: Level) -> dict[str, Any]:
     }
 
 
-def _wrapped(lines: Sequence[str], width: int) -> str:
-    indent = " " * LABEL
-    return "\n".join(textwrap.fill(line, width, subsequent_indent=indent, break_on_hyphens=False) for line in lines)
-
-
-def _about(found: Inspected) -> list[str]:
+def _about(found: Inspected) -> list[Block]:
     """Return the lines on the file, the doubts, the storeys and the masses."""
     n, p, mass = len(found.floor_mass_kg), found.numerical_storeys, float(found.floor_mass_kg.sum())
     on_table = found.experimental_mass_kg
@@ -106,7 +102,7 @@ def _about(found: Inspected) -> list[str]:
     interface = found.interface_experimental_mass_kg
     split = f"; of floor {p}, {significant(interface)} kg stand on the table" if interface else ""
     return [
-        f"Structure {found.name} ({found.file or 'shipped'})",
+        Line(f"Structure {found.name} ({found.file or 'shipped'})"),
         *(labelled("warning", doubt) for doubt in found.warnings),
         labelled(
             "storeys", f"{n}: {_range(1, p)} numerical (computed), {_range(p + 1, n)} experimental (on the table)"
@@ -119,7 +115,7 @@ def _range(first: int, last: int) -> str:
     return str(first) if first == last else f"{first} to {last}"
 
 
-def _storeys(found: Inspected, width: int) -> list[str]:
+def _storeys(found: Inspected) -> list[Block]:
     """Return a line for each storey, roof first; storeys that are alike share one."""
     p, heights = found.numerical_storeys, found.heights_m
     columns = [found.floor_mass_kg, found.stiffness_n_per_m, *(() if heights is None else (heights,))]
@@ -132,15 +128,15 @@ def _storeys(found: Inspected, width: int) -> list[str]:
             rows.append((storey, storey, cells))
     high = [] if heights is None else ["height (m)"]
     heads = ["storey", "substructure", "mass (kg)", "stiffness (N/m)", *high]
-    return _in_width([heads, *([_range(first, last), *cells] for first, last, cells in reversed(rows))], width)
+    return [grid([heads, *([_range(first, last), *cells] for first, last, cells in reversed(rows))])]
 
 
-def _stiffness_sets(found: Inspected, width: int) -> list[str]:
+def _stiffness_sets(found: Inspected) -> list[Block]:
     """Return a line for each set of storey stiffnesses that has the specimen's natural frequencies."""
     sets = found.stiffness_sets
     own = ", ".join(significant(hz, 4) for hz in found.specimen_frequency_hz[:MOST_MODES])
     ratios = ", ".join(significant(100.0 * ratio) for ratio in found.specimen_damping_ratio[:MOST_MODES])
-    specimen = [labelled("specimen, fixed base", f"{own} Hz; damping {ratios} %")]
+    specimen: list[Block] = [labelled("specimen, fixed base", f"{own} Hz; damping {ratios} %")]
     if len(sets) < 2:
         return specimen
     several = (
@@ -155,20 +151,20 @@ def _stiffness_sets(found: Inspected, width: int) -> list[str]:
         label = f"set {i + 1}{', used' if i == 0 else ''}"
         stiffness = (significant(k, 5) for k in one.stiffness_n_per_m)
         rows.append([label, *stiffness, *(significant(hz, 4) for hz in one.natural_frequency_hz[:3])])
-    return [*specimen, labelled("stiffness", several), *_in_width([heads, *rows], width)]
+    return [*specimen, labelled("stiffness", several), grid([heads, *rows])]
 
 
-def _modes(found: Inspected, width: int) -> list[str]:
+def _modes(found: Inspected) -> list[Block]:
     """Return a line for each mode: frequency, period, effective mass."""
     columns = [found.natural_frequency_hz, 1.0 / found.natural_frequency_hz, 100.0 * found.effective_mass_ratio]
     about = "whole building, undamped; mass: effective modal mass over the total"
-    return [labelled("modes", about), *_by_mode(["frequency (Hz)", "period (s)", "mass (%)"], columns, width)]
+    return [labelled("modes", about), *_by_mode(["frequency (Hz)", "period (s)", "mass (%)"], columns)]
 
 
-def _damping(found: Inspected, width: int) -> list[str]:
+def _damping(found: Inspected) -> list[Block]:
     """Return the damping levels: what is stated, the dashpots, and a line for each mode with its damping ratios."""
     levels = [level for level in found.levels if not level.fault]
-    lines = [labelled("" if i else "damping", _told(level)) for i, level in enumerate(found.levels)]
+    lines = labelled_lines("damping", map(_told, found.levels))
     if not levels:
         return lines
     columns = [values for one in levels for values in (one.natural_frequency_hz, 100.0 * one.damping_ratio)]
@@ -176,17 +172,17 @@ def _damping(found: Inspected, width: int) -> list[str]:
     about = "modes of each level, damped, by their frequency |s| / 2 pi"
     if any(np.any(level.damping_ratio >= 1.0) for level in levels):
         about += "; from 100 % on a mode does not oscillate"
-    return [*lines, labelled("", about), *_by_mode(heads, columns, width)]
+    return [*lines, labelled("", about), *_by_mode(heads, columns)]
 
 
-def _by_mode(heads: Sequence[str], columns: Sequence[Array], width: int) -> list[str]:
+def _by_mode(heads: Sequence[str], columns: Sequence[Array]) -> list[Block]:
     """Return a line for each mode with the values (n,) of each column."""
     rows = [
         [str(mode), *(significant(value, 4) for value in values)]
         for mode, values in enumerate(zip(*columns, strict=True), 1)
     ]
-    more = [f"  {len(rows) - MOST_MODES} more modes in --json"] if len(rows) > MOST_MODES else []
-    return [*_in_width([["mode", *heads], *rows[:MOST_MODES]], width), *more]
+    more = [Line(f"  {len(rows) - MOST_MODES} more modes in --json")] if len(rows) > MOST_MODES else []
+    return [grid([["mode", *heads], *rows[:MOST_MODES]]), *more]
 
 
 def _told(level: Level) -> str:
@@ -201,23 +197,23 @@ def _told(level: Level) -> str:
     return f"{level.name}: first mode {significant(100.0 * level.first_mode_ratio)} %, by {size} N s/m{each}"
 
 
-def _shapes(found: Inspected, width: int) -> list[str]:
+def _shapes(found: Inspected) -> list[Block]:
     """Return the mode shapes, roof first: a row for each floor, a column for each mode."""
     n = len(found.floor_mass_kg)
     floors = shown_floors(n, found.numerical_storeys)
     heads = ["floor", *(f"mode {mode + 1}" for mode in range(min(n, MOST_MODES)))]
     rows = [[str(floor), *_row(found.mode_shapes[floor - 1, :MOST_MODES])] for floor in floors]
-    more = [f"  {n - len(floors)} more floors in --json"] if len(floors) < n else []
-    return [labelled("mode shapes", "largest floor 1, roof first"), *_in_width([heads, *rows], width), *more]
+    more = [Line(f"  {n - len(floors)} more floors in --json")] if len(floors) < n else []
+    return [labelled("mode shapes", "largest floor 1, roof first"), grid([heads, *rows]), *more]
 
 
-def _prototype(found: Inspected, width: int) -> list[str]:
+def _prototype(found: Inspected) -> list[Block]:
     """Return the lines on the prototype of a model: the factors, its storeys and modes."""
     scale, whole = found.scale, found.prototype
     if scale is None or whole is None:
         return []
     told = f"the building above is its model; prototype over model: {factors_text(scale.factors)}"
-    return [labelled("prototype", told), *_storeys(whole, width), *_modes(whole, width)]
+    return [labelled("prototype", told), *_storeys(whole), *_modes(whole)]
 
 
 def _row(values: Array) -> list[str]:
@@ -230,18 +226,3 @@ def shown_floors(count: int, interface: int) -> list[int]:
         return list(range(count, 0, -1))
     evenly = np.linspace(1, count, MOST_FLOORS - 1).round().astype(int).tolist()
     return sorted({*evenly, interface}, reverse=True)
-
-
-def _in_width(rows: Sequence[Sequence[str]], width: int) -> list[str]:
-    """Return rows as columns; those that do not fit stand below the others, each time with the first column."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    ends = np.cumsum([2 + one for one in widths])
-    fit = max(2, int(np.searchsorted(ends, width, side="right")))
-    lines = [
-        "  "
-        + row[0].ljust(widths[0])
-        + "".join(f"  {cell.rjust(w)}" for cell, w in zip(row[1:fit], widths[1:], strict=False))
-        for row in rows
-    ]
-    rest = [[row[0], *row[fit:]] for row in rows]
-    return [*(line.rstrip() for line in lines), *(_in_width(rest, width) if len(rest[0]) > 1 else [])]

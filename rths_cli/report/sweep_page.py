@@ -18,9 +18,10 @@ from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import NEEDED, Figure, Sweep
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities.declaration import ENDINGS, typeset
+from rths_cli.report.document import Block, Column, Document, Line, Row, Table, across
 from rths_cli.report.numbers import json_value, six_wide, three
 from rths_cli.report.result_scale import MODEL, stored_scale
-from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, render, wrapped
+from rths_cli.report.to_text import text
 from rths_cli.structure.similitude import factors_text
 from rths_cli.studies.sensitivity import SobolIndices, sobol_indices
 
@@ -31,15 +32,13 @@ IN_THOUSANDTHS = {"m/s^2": "mm/s^2", "m": "mm", "s": "ms"}
 
 PERCENTILES = (5, 16, 50, 84, 95)
 MOST_METRICS = 10  # printed; with more, those that every sweep has
-COLUMN = 9
 SMALL = 0.01  # below it four decimals are fewer than three digits
-INDEX_COLUMN = 20
 TRACKING = "exp_rths.tracking_rms_m_s2"
 STATISTICS = {"median": 50.0, "95 %": 95.0, "largest": 100.0}
 POINTS_SHOWN = 40
 REASONS_SHOWN = 5
 MM_PER_M = 1e3
-MOST_STOREYS = (WIDTH - 40) // COLUMN
+MOST_STOREYS = 6
 
 
 @dataclass(frozen=True)
@@ -154,32 +153,28 @@ def percentiles(values: Array) -> Array:
     return found
 
 
-def summary_text(sweep: Sweep) -> list[str]:
-    """Return the summary of a study as text, nothing for another sweep."""
+def summary_section(sweep: Sweep) -> list[Block]:
+    """Return the summary of a study, nothing for another sweep."""
     if not sweep.study_yaml:
         return []
     found = summary(sweep)
-    runs = found["runs"]
-    ends = [f"Of {runs} runs: {_shares_text(found['statuses'])}."]
+    ends = [Line(f"Of {found['runs']} runs: {_shares_text(found['statuses'])}.")]
     verdicts = {name: share for name, share in found["verdicts"].items() if name}
-    ends += [f"Verdict of the check: {_shares_text(verdicts)}."] if verdicts else []
+    ends += [Line(f"Verdict of the check: {_shares_text(verdicts)}.")] if verdicts else []
     whole = len(sweep.figures) <= MOST_METRICS
     shown = {path: figure for path, figure in sweep.figures.items() if whole or path in NEEDED}
-    heads = tuple(Cell(f"{share} %") for share in PERCENTILES)
+    columns = tuple(Column(f"{share} %") for share in PERCENTILES)
+    rows = tuple(row for path, figure in shown.items() for row in _summary_rows(path, figure))
     title = "Percentiles over the runs that have the metric; units as in its name"
-    table = Table(
-        title, "metric", (len(heads),), COLUMN, (heads,),
-        tuple(row for path, figure in shown.items() for row in _summary_rows(path, figure)),
-    )  # fmt: skip
-    more = [] if whole else ["Percentiles of the other metrics: --json."]
-    return ["", *ends, "", render(table), *more]
+    more = [] if whole else [Line("Percentiles of the other metrics: --json.")]
+    return [*ends, Line(""), Table(columns, rows, title, "metric"), *more]
 
 
 def _summary_rows(path: str, figure: Figure) -> Iterator[Row]:
     values = figure.values if figure.values.ndim > 1 else figure.values[:, np.newaxis]
     for place, column in enumerate(percentiles(values).T, 1):
         storey = f"[{place}]" if figure.values.ndim > 1 else ""
-        yield Row(f"{path}{storey}", tuple(Cell(_shown(one)) for one in column))
+        yield Row(f"{path}{storey}", tuple(_shown(one) for one in column))
 
 
 def _shown(value: float) -> str:
@@ -239,23 +234,22 @@ def indices_of(sweep: Sweep, metric: str = "") -> tuple[Gridded, SobolIndices]:
     return found, sobol_indices(found.values.mean(axis=1), len(keys))
 
 
-def indices_text(sweep: Sweep) -> list[str]:
-    """Return the Sobol indices of the error of the worst storey as text, [] for a study without."""
+def indices_section(sweep: Sweep) -> list[Block]:
+    """Return the Sobol indices of the error of the worst storey, [] for a study without."""
     if not (keys := indexed_keys(sweep)):
         return []
     try:
         found, indices = indices_of(sweep)
     except InputError as error:
-        return ["", *error.faults]
+        return [Line(fault) for fault in error.faults]
     rows = tuple(
-        Row(short_key(key, keys), (Cell(_index_text(first, off)), Cell(_index_text(total, total_off))))
+        Row(short_key(key, keys), (_index_text(first, off), _index_text(total, total_off)))
         for key, first, off, total, total_off in zip(
             keys, indices.first, indices.first_error, indices.total, indices.total_error, strict=True
         )
     )
     title = f"Sobol indices of {found.label}{_seeds(sweep)}, with standard errors"
-    heads = (Cell("first order"), Cell("total"))
-    return ["", render(Table(title, "key", (2,), INDEX_COLUMN, (heads,), rows))]
+    return [Table((Column("first order"), Column("total")), rows, title, "key")]
 
 
 def indices_document(sweep: Sweep) -> dict[str, Any]:
@@ -323,26 +317,26 @@ def statistics(errors: Array) -> dict[str, Array]:
 
 def page(sweep: Sweep, path: Path) -> str:
     """Return the summary of a sweep as text, of a part how its runs ended."""
-    return grid_points(sweep) + page_without_grid_points(sweep, path)
+    return text(sections(sweep, path))
 
 
-def grid_points(sweep: Sweep) -> str:
-    """Return the errors of each grid point of a sweep as text, of a part nothing."""
-    if sweep.numbers is not None:
-        return ""
-    return _text([render(_table(sweep)), *_scale(sweep), *_more_points(sweep)])
+def sections(sweep: Sweep, path: Path) -> Document:
+    """Return the summary of a sweep, of a part how its runs ended."""
+    return [grid_points(sweep), *below_grid_points(sweep, path)]
 
 
-def page_without_grid_points(sweep: Sweep, path: Path) -> str:
+def grid_points(sweep: Sweep) -> list[Block]:
+    """Return the errors of each grid point of a sweep, of a part nothing."""
+    return [] if sweep.numbers is not None else [_table(sweep), *map(Line, (*_scale(sweep), *_more_points(sweep)))]
+
+
+def below_grid_points(sweep: Sweep, path: Path) -> Document:
     """Return what stands below the grid points in the summary of a sweep: extremes, ends, percentiles, indices."""
+    not_run, explained = [*map(Line, _not_run(sweep))], [Line(_explained(sweep, path))]
     if sweep.numbers is not None:
-        return _text([_of_part(sweep), *_not_run(sweep), *_explained(sweep, path)])
-    told = [*_extremes(sweep), *_not_run(sweep), *summary_text(sweep), *indices_text(sweep), *_explained(sweep, path)]
-    return _text(told)
-
-
-def _text(parts: list[str]) -> str:
-    return wrapped([line for part in parts for line in part.split("\n")], 2) + "\n"
+        return [[Line(_of_part(sweep))], not_run, explained]
+    extremes = [*map(Line, _extremes(sweep))]
+    return [extremes, not_run, summary_section(sweep), indices_section(sweep), explained]
 
 
 def document(sweep: Sweep, path: Path) -> dict[str, Any]:
@@ -392,14 +386,14 @@ def _runs(count: int) -> str:
 def _table(sweep: Sweep) -> Table:
     storeys = sweep.figures[STOREYS].values.shape[1]
     shown = min(storeys, MOST_STOREYS)
-    heads = (Cell("tracking"), *(Cell(f"storey {1 + k}") for k in range(shown)))
+    columns = (Column("tracking"), *(Column(f"storey {1 + k}") for k in range(shown)))
     rows = [row for _, point in zip(range(POINTS_SHOWN), points_of(sweep), strict=False) for row in _rows(point, shown)]
     title = (
         f"{sweep.attributes['case_name']}: RMS errors (mm/s^2, test band, measured) of {_runs(len(sweep.seed))} of "
         f"EXP-RTHS; virtual shake table {sweep.attributes['rig']}"
     )
     corner = "grid point" if sweep.seeds_per_point == 1 else "over the seeds"
-    return Table(title, corner, (1, shown), COLUMN, (heads,), tuple(rows))
+    return Table(columns, tuple(rows), title, corner)
 
 
 def _rows(point: Point, storeys: int) -> Iterator[Row]:
@@ -408,15 +402,15 @@ def _rows(point: Point, storeys: int) -> Iterator[Row]:
     ends = ", ".join(f"{count} {status}" for status, count in sorted(point.statuses.items()))
     found = statistics(MM_PER_M * point.errors[:, : 1 + storeys])
     if runs == 1:
-        yield Row(point.label, _cells(found["largest"]) if found else (Cell(ends[2:], 1 + storeys),))
+        yield Row(point.label, _cells(found["largest"]) if found else across(ends[2:], 1 + storeys))
         return
     yield Row(f"{point.label}: {ends}")
     for name, row in found.items():
         yield Row(name, _cells(row))
 
 
-def _cells(errors: Array) -> tuple[Cell, ...]:
-    return tuple(Cell(six_wide(value) if np.isfinite(value) else "-") for value in errors)
+def _cells(errors: Array) -> tuple[str, ...]:
+    return tuple(map(six_wide, errors))
 
 
 def _more_points(sweep: Sweep) -> list[str]:
@@ -434,7 +428,7 @@ def _extremes(sweep: Sweep) -> list[str]:
     if played.size < 2:
         return []
     worst = np.nanmax(errors[played], axis=1)
-    lines = [""]
+    lines = []
     for name, place in (("smallest", int(np.argmin(worst))), ("largest", int(np.argmax(worst)))):
         run = int(played[place])
         varied = {key: values[run] for key, values in sweep.varied.items()}
@@ -453,10 +447,10 @@ def _not_run(sweep: Sweep) -> list[str]:
     lines = [f"{count} {status}: {reason}" for status, reason, count in told[:REASONS_SHOWN]]
     more = sum(count for _, _, count in told[REASONS_SHOWN:])
     lines += [f"{more} more with other reasons, which stand in the file"] if more else []
-    return ["", *lines] if lines else []
+    return lines
 
 
-def _explained(sweep: Sweep, path: Path) -> list[str]:
+def _explained(sweep: Sweep, path: Path) -> str:
     counts = Counter(sweep.texts["status"])
     ends = ", ".join(f"{count} {status}" for status, count in sorted(counts.items()))
-    return ["", f"{ends}; every run with its figures: {path}"]
+    return f"{ends}; every run with its figures: {path}"

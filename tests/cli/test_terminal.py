@@ -16,6 +16,8 @@ from rths_cli.cli import terminal as screens
 from rths_cli.cli.terminal import Keys, Screen
 from rths_cli.experiment.run_case import Ended
 from rths_cli.loop.live_view import View
+from rths_cli.report.document import Line, Verdict, grid, labelled
+from rths_cli.report.to_text import text
 
 GOOD = Ended("a", Path("results/a.h5"), "complete", "", 0, ("mind the gap",))
 BAD = Ended("b", None, "failed", "no luck", 4)
@@ -114,10 +116,13 @@ def test_only_yes_moves_a_table(monkeypatch: pytest.MonkeyPatch, typed: str, mov
     assert stream.getvalue().splitlines()[:3] == ["demo:", "  rig lab", "  emergency stop"]
 
 
-PAGE = (
-    "GOOD: error 0.1 % of SIM\nGOOD for nothing\nverdict                 unsafe: no\n  500  1.0  0  0  yes\n"
-    "  1000  9.0  7  9   no\na     poor          1\x1b[0m\n"
-)
+RATES = [["rate", "late", "held"], ["500", "0", Verdict("yes")], ["1000", "7", Verdict("no")], ["a\x1b[0m", "no", "-"]]
+SAID = [
+    Line("GOOD: error 0.1 %", verdict="GOOD"),
+    Line("GOOD for nothing"),
+    labelled("verdict", "unsafe: no", "unsafe"),
+]
+PAGE = [SAID, [grid(RATES)]]
 
 
 def test_verdicts_are_coloured_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,12 +130,12 @@ def test_verdicts_are_coloured_on_a_terminal_alone(monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("TERM", "xterm")
     stream = Terminal()
     monkeypatch.setattr(sys, "stdout", stream)
-    screens.show_page(lambda: PAGE)
+    screens.show_page(lambda: text(PAGE))
     lines = stream.getvalue().splitlines()
-    assert lines[0] == "\x1b[32mGOOD\x1b[0m: error 0.1 % of SIM" and lines[1] == "GOOD for nothing"
+    assert lines[0] == "\x1b[32mGOOD\x1b[0m: error 0.1 %" and lines[1] == "GOOD for nothing"
     assert lines[2] == "verdict                 \x1b[33munsafe\x1b[0m: no"
-    assert lines[3].endswith("\x1b[32myes\x1b[0m") and lines[4].endswith("\x1b[31m no\x1b[0m")
-    assert lines[5] == "a     \x1b[31mpoor\x1b[0m          1\\x1b[0m"  # what a text brings itself is made visible
+    assert lines[5].endswith("\x1b[32myes\x1b[0m") and lines[6].endswith("\x1b[31mno\x1b[0m")
+    assert lines[7].startswith("  a\\x1b[0m") and "\x1b" not in lines[7]  # what a text brings itself is made visible
     for name, value in (("NO_COLOR", "1"), ("TERM", "dumb")):
         plain = Terminal()
         monkeypatch.setenv(name, value)

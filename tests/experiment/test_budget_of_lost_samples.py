@@ -20,7 +20,8 @@ from rths_cli.experiment.run_signals import Series, on_record_clock, whole_build
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.loop.realtime_loop import IN_RAMP_DOWN, IN_RUN
 from rths_cli.quantities import Values
-from rths_cli.report.case_metric_tables import budget_text
+from rths_cli.report.case_metric_tables import budget
+from rths_cli.report.to_text import text as printed
 
 FLOORS = 2
 FIGURES = {
@@ -149,6 +150,6 @@ def test_a_record_of_which_little_is_left_names_no_figure_that_it_does_not_know(
     lost = np.ones(n)
     lost[::50] = 0.0
     found = short.figures(lost, bridged(short, lost))
-    text = budget_text(dict(found))
+    text = printed([budget(dict(found))])
     assert "not significant (within" in text and "not enough of the record is left" in " ".join(text.split())
     assert f"{1e6 * value(found, 'table_delay_error_s'):+.1f}" not in text

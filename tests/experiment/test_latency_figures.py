@@ -12,7 +12,8 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.result_contents import design_figures
 from rths_cli.experiment.setup import make_setup
-from rths_cli.report.case_metric_tables import ITEMS, latency_text
+from rths_cli.report.case_metric_tables import ITEMS, latency
+from rths_cli.report.to_text import text as printed
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -37,7 +38,7 @@ def test_the_default_case_leaves_little_of_its_latency(default_identification: I
     assert found["latency.declared_s"] == pytest.approx(7.5e-4)
     assert abs(found["latency.identified_s"] - 7.5e-4) < 3.0 * found["latency.identified_error_s"]
     assert 1e-6 < found["latency.identified_error_s"] < 5e-5
-    assert "identified on the rig" in latency_text(found)
+    assert "identified on the rig" in printed([latency(found)])
 
 
 def test_the_paper_leaves_the_filters_lag(default_identification: Identification) -> None:

@@ -15,6 +15,7 @@ from rths_cli.identification.verdict import LIMITS, response_error, roots_of, wi
 from rths_cli.numerics.bands import USUAL
 from rths_cli.numerics.lti import Frf, Model
 from rths_cli.report.identification_page import UNDETERMINED, root_lines
+from rths_cli.report.to_text import text
 
 DT, BAND_HZ = 0.0005, (0.5, 60.0)
 LINES = np.arange(0.5, 60.0, 0.05)
@@ -126,7 +127,7 @@ def test_an_overdamped_pair_is_the_two_real_roots_of_its_polynomial() -> None:
 
 def test_the_page_says_not_determined_in_place_of_numbers() -> None:
     rows = root_lines([Root("pole", 3.0, 0.7, 95.0, 2150.0), Root("pole", 3.0, np.nan, 0.01, np.nan)])
-    shown = "\n".join(rows)
+    shown = text([rows])
     assert shown.count(UNDETERMINED) == 2 and "3.000 +- 0.020" in shown and "190" not in shown
 
 

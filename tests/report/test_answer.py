@@ -264,12 +264,12 @@ GOOD: on a virtual rig true error below 0.200 % of SIM with 95 %, as likely as
   not below 0.100 % (storey 1), if sensors and masses are as declared. Limits:
   good 2 %, usable 5 %. Worth it: true error 0.00500 of SIM-DELAY's (limit 0.1).
 
-                            peaks in EXP-RTHS        RMS error of acceleration
-storey       abs. accel      displ      drift   EXP-RTHS   EXP-RTHS  SIM-DELAY
-                  m/s^2         mm         mm     mm/s^2   % of SIM     mm/s^2
-3 roof             2.80       12.6       2.63      0.500      0.100        100
-2                  2.10       9.93       4.44      0.500      0.100        100
-1 interface        1.50       5.51       5.51       1.00      0.200        100
+                    peaks in EXP-RTHS      RMS error of acceleration
+storey       abs. accel  displ  drift  EXP-RTHS  EXP-RTHS  SIM-DELAY
+                  m/s^2     mm     mm    mm/s^2  % of SIM     mm/s^2
+3 roof             2.80   12.6   2.63     0.500     0.100        100
+2                  2.10   9.93   4.44     0.500     0.100        100
+1 interface        1.50   5.51   5.51      1.00     0.200        100
 
 Base shear of the building (EXP-RTHS): 40.6 N, 0.199 of its weight.
 note: one thing

@@ -11,6 +11,7 @@ from rths_cli.quantities import Interval
 from rths_cli.report.case_metric_tables import other_figures
 from rths_cli.report.result_tables import tables
 from rths_cli.report.results_by_case import entries
+from rths_cli.report.to_text import text as printed
 
 
 def listed(text: str) -> dict[str, str]:
@@ -21,7 +22,7 @@ def listed(text: str) -> dict[str, str]:
 
 def of(*results) -> str:
     (entry,) = entries(results, {})
-    return other_figures(entry, ())
+    return printed(other_figures(entry, ()))
 
 
 def by_cause(storeys: int) -> dict[str, object]:

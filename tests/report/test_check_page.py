@@ -19,7 +19,7 @@ MOTION = ("check.peak", "check.limit", "check.rms_error", "check.tracking")
 
 def cells(text: str, label: str) -> list[str]:
     (line,) = [line for line in text.splitlines() if line.strip().startswith(label)]
-    return line.strip().removeprefix(label).split()
+    return line.strip().removeprefix(label).replace("|", " ").split()
 
 
 def figure(found: Checked, name: str) -> float:

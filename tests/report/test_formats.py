@@ -17,14 +17,13 @@ from made_up import paper_cases, result
 from made_up_files import write
 
 from rths_cli.quantities import Interval
-from rths_cli.report.formats.csv_table import filled, tidy, width
+from rths_cli.report.document import Fixed, Line, spread, tables_in
+from rths_cli.report.formats.csv_table import tidy
 from rths_cli.report.formats.json_document import document
-from rths_cli.report.formats.latex import latex, number
-from rths_cli.report.formats.markdown import escaped, markdown
 from rths_cli.report.input_files import Inputs, Unread, read_inputs
 from rths_cli.report.report_contents import Contents, contents
-from rths_cli.report.result_tables import blocks
-from rths_cli.report.text_layout import Fixed, Paragraphs, Table
+from rths_cli.report.result_tables import document as tables
+from rths_cli.report.to_files import in_markdown, latex, markdown, number
 
 SCHEMA = Path(__file__).parents[2] / "configs" / "report.schema.json"
 NASTY = r"a|b_c$d%e&f#g{h}i\j~k^l<script>m*n`o"
@@ -56,7 +55,7 @@ def markdown_rows(text: str, title: str) -> list[list[str]]:
 
 
 def test_markdown_holds_table_5_1() -> None:
-    rows = markdown_rows(markdown(blocks(paper_cases())), "Table 5.1 Tracking error")
+    rows = markdown_rows(markdown(tables(paper_cases())), "Table 5.1 Tracking error")
     assert rows[0][:4] == [
         "control",
         "(1) Shake table test published max",
@@ -69,20 +68,20 @@ def test_markdown_holds_table_5_1() -> None:
 
 
 def test_every_cell_of_every_table_stands_in_markdown_and_latex() -> None:
-    shown = blocks(troubled())
-    pages = {markdown: escaped, latex: number}
+    shown = tables(troubled())
+    pages = {markdown: in_markdown, latex: number}
     for page, spelt in pages.items():
         text = page(shown)
-        for table in (block for block in shown if isinstance(block, Table)):
+        for table in tables_in(shown):
             for row in table.rows:
-                for cell in filled(row, width(table)):
+                for cell in spread(row.cells):
                     assert spelt(cell) in text
-    assert any(isinstance(block, Paragraphs) and "  el_centro_high_ff_fb" not in block.lines for block in shown)
+    assert any(isinstance(block, Line) for section in shown for block in section)
 
 
 def test_an_aborted_run_is_shown_in_every_format() -> None:
     found = made(troubled(), [Unread(Path("x.h5"), "x.h5: is truncated.")])
-    shown = blocks(found.inputs.results)
+    shown = tables(found.inputs.results)
     for text in (markdown(shown), latex(shown), tidy(found), json.dumps(document(found))):
         assert "aborted" in text and "force 460 N is above 445 N at 2.1 s" in text
     for text in (tidy(found), json.dumps(document(found))):
@@ -90,8 +89,8 @@ def test_an_aborted_run_is_shown_in_every_format() -> None:
 
 
 def test_names_that_mean_harm_mean_nothing() -> None:
-    assert escaped(NASTY) == r"a\|b\_c\$d%e&amp;f\#g{h}i\\j\~k^l\<script\>m\*n\`o"
-    text = markdown(blocks(troubled()))
+    assert in_markdown(NASTY) == r"a\|b\_c\$d%e&amp;f\#g{h}i\\j\~k^l\<script\>m\*n\`o"
+    text = markdown(tables(troubled()))
     assert "<script" not in text.replace(r"\<script", "")
     for rows in (markdown_rows(text, "Table 5.1 Tracking error"), markdown_rows(text, "Figures of merit")):
         assert len({len(row) for row in rows}) == 1
@@ -104,13 +103,13 @@ def test_numbers_are_typeset() -> None:
 
 
 def test_fixed_text_is_a_block_of_code() -> None:
-    assert "````text\na ``` b\n````" in markdown([Fixed("a ``` b")])
-    assert r"\texttt{a \{ b}" in latex([Fixed("a { b")])
+    assert "````text\na ``` b\n````" in markdown([[Fixed("a ``` b")]])
+    assert r"\texttt{a \{ b}" in latex([[Fixed("a { b")]])
 
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="LaTeX is not installed")
 def test_latex_compiles(tmp_path: Path) -> None:
-    (tmp_path / "tables.tex").write_text(latex([*blocks(troubled()), Fixed("a { b ~ c")]))
+    (tmp_path / "tables.tex").write_text(latex([*tables(troubled()), [Fixed("a { b ~ c")]]))
     head = r"\documentclass{article}\usepackage[margin=1cm]{geometry}\usepackage{booktabs,longtable,array}"
     (tmp_path / "a.tex").write_text(head + r"\begin{document}\input{tables}\end{document}")
     words = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "a.tex"]
@@ -188,10 +187,10 @@ def test_an_interval_stands_in_every_format() -> None:
     assert [(row["low"], row["high"], row["probability"]) for row in rows] == [
         ("", "", ""), ("0.05", "0.4", "0.75"), ("0.06", "", "0.75"), ("0.07", "0.6", "0.75"),
     ]  # fmt: skip
-    assert r"0.3 [0.07, 0.6] (75 %)" in markdown(blocks([with_ends])).replace("\\", "")
+    assert r"0.3 [0.07, 0.6] (75 %)" in markdown(tables([with_ends])).replace("\\", "")
 
 
 def test_the_same_results_give_the_same_bytes() -> None:
     for page in (markdown, latex):
-        assert page(blocks(troubled())) == page(blocks(troubled()))
+        assert page(tables(troubled())) == page(tables(troubled()))
     assert tidy(made(troubled())) == tidy(made(troubled()))

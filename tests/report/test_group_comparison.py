@@ -15,7 +15,7 @@ from rths_cli.report.group_comparison import (
     SEEN,
     WORSE,
     against,
-    baseline_blocks,
+    baseline_sections,
     check_keys,
     compare,
     got_worse,
@@ -24,7 +24,7 @@ from rths_cli.report.group_comparison import (
     repeats,
     repeats_tables,
 )
-from rths_cli.report.text_layout import plain_text, render
+from rths_cli.report.to_text import text as printed
 
 ERROR, TRACKING = "exp_rths.rms_error_m_s2", "exp_rths.tracking_rms_m_s2"
 
@@ -49,7 +49,7 @@ def test_groups_are_averaged_and_set_against_the_first() -> None:
         run(None, controller="FF+FB", seed=1, status="aborted"),
     ]
     (found,) = compare(members, ["controller"])
-    text = "\n".join(render(table) for table in group_tables([found], ["controller"]))
+    text = printed([[*group_tables([found], ["controller"])]])
     assert cells(text, f"{ERROR}[1]") == ["0.0200", "0.0050*", "0.2500"]
     assert cells(text, f"{ERROR}[2]") == ["0.0300", "0.0300*", "1.0000"]
     assert "30 % el_centro, damping low" in text and "(runs: 2, 2)" in text
@@ -58,7 +58,7 @@ def test_groups_are_averaged_and_set_against_the_first() -> None:
 
 def test_a_group_without_a_finished_run_shows_how_it_ended_and_none_is_dropped() -> None:
     members = [run([0.01], method="paper"), run(None, method="best", status="failed"), run([0.02], record="hachinohe")]
-    text = "\n".join(render(t) for t in group_tables(compare(members, ["method"]), ["method"]))
+    text = printed([[*group_tables(compare(members, ["method"]), ["method"])]])
     assert cells(text, f"{ERROR}[1]", "el_centro") == ["0.0100", "failed", "-"]
     assert cells(text, f"{ERROR}[1]", "hachinohe") == ["-", "0.0200", "-"]
 
@@ -66,10 +66,10 @@ def test_a_group_without_a_finished_run_shows_how_it_ended_and_none_is_dropped()
 def test_many_groups_are_split_and_long_names_lettered() -> None:
     members = [run([0.01 * k], rig=f"a_rig_with_a_long_name_{k}") for k in range(1, 5)]
     tables = list(group_tables(compare(members, ["rig"]), ["rig"]))
-    text = "\n".join(map(render, tables))
+    text = printed([tables])
     assert len(tables) == 2 and max(map(len, text.splitlines())) <= 100
     assert "B: a_rig_with_a_long_name_2." in text and "C / A" in text
-    assert cells(render(tables[1]), f"{ERROR}[1]") == ["0.0100", "0.0400", "4.0000"]
+    assert cells(printed([tables[1:]]), f"{ERROR}[1]") == ["0.0100", "0.0400", "4.0000"]
 
 
 def test_cases_of_one_place_are_kept_apart_or_told() -> None:
@@ -95,7 +95,7 @@ def test_repeats_are_counted_once_per_run() -> None:
     statistics = found.figures[ERROR, 1]
     assert statistics.n == 3
     assert statistics.mean == pytest.approx(0.013) and statistics.std == pytest.approx(np.std(values, ddof=1))
-    text = render(next(repeats_tables([found])))
+    text = printed([[*repeats_tables([found])]])
     half = 4.302652729749464 * np.std(values, ddof=1) / np.sqrt(3)
     spelt = ["3", "0.0130", "0.0026", "0.0100", "0.0150", f"{0.013 - half:.4f}", f"{0.013 + half:.4f}"]
     assert cells(text, f"{ERROR}[1]") == spelt
@@ -129,7 +129,7 @@ def test_what_got_worse_than_the_baseline() -> None:
     assert [verdicts[ERROR, k] for k in (1, 2, 3, 4)] == [WORSE, SAME, BETTER, SAME]
     assert verdicts["exp_rths.fei_delay_s", None] == SEEN
     assert got_worse([found]) and not got_worse(against([now], [before], 3.5))
-    text = plain_text(baseline_blocks([found], "old", 2.0))
+    text = printed(baseline_sections([found], "old", 2.0))
     assert cells(text, f"{ERROR}[1]") == ["0.0100", "0.0103", "+0.0003", "1.0300", "worse"]
     assert cells(text, f"{ERROR}[3]") == ["0.0300", "0.0150", "-0.0150", "0.5000", "better"]
     assert f"{ERROR}[1] 0.01 -> 0.0103 (+3 %)" in " ".join(text.split())
@@ -139,9 +139,9 @@ def test_a_missing_or_aborted_run_is_worse_and_a_new_one_is_not() -> None:
     old = run([0.01])
     for now, word in (([], "missing now"), ([run(None, status="aborted")], "aborted now")):
         found = against(now, [old], 1.0)
-        assert got_worse(found) and word in plain_text(baseline_blocks(found, "old", 1.0))
+        assert got_worse(found) and word in printed(baseline_sections(found, "old", 1.0))
     found = against([old, run([0.01], case_name="new")], [old], 1.0)
-    assert not got_worse(found) and "not in the baseline" in plain_text(baseline_blocks(found, "old", 1.0))
+    assert not got_worse(found) and "not in the baseline" in printed(baseline_sections(found, "old", 1.0))
     lost = against([run([0.01])], [run([0.01, 0.02])], 1.0)
     assert got_worse(lost) and "1 errors of the baseline are missing" in lost[0].state
     assert not got_worse(against([run([0.01])], [run(None, status="aborted")], 1.0))
@@ -160,5 +160,5 @@ def test_a_case_that_was_changed_since_the_baseline_is_told() -> None:
     old, new = (replace(run([0.01]), resolved_yaml=f"scaling: {value}\nseed: 0\n") for value in (0.3, 0.2))
     (found,) = against([new], [old], 1.0)
     assert found.state == "another case than in the baseline: they differ in scaling"
-    assert found.state in " ".join(plain_text(baseline_blocks([found], "old", 1.0)).replace("|", " ").split())
+    assert found.state in " ".join(printed(baseline_sections([found], "old", 1.0)).replace("|", " ").split())
     assert against([new], [replace(old, resolved_yaml=new.resolved_yaml)], 1.0)[0].state == ""

@@ -11,8 +11,9 @@ from rths_cli.experiment.identify_command import About
 from rths_cli.experiment.model_files import from_groups, to_groups
 from rths_cli.identification.results import DelayEstimate
 from rths_cli.quantities import LATENCIES
-from rths_cli.report.case_metric_tables import ITEMS, latency_text
+from rths_cli.report.case_metric_tables import ITEMS, latency
 from rths_cli.report.identification_page import as_document, page
+from rths_cli.report.to_text import text as printed
 
 FREQUENCY = np.array([1.0, 3.0, 5.0, 10.0, 20.0, 100.0])
 ESTIMATE = DelayEstimate(7.53e-4, 1.2e-5, 7.5e-4)
@@ -33,13 +34,13 @@ def metrics(lead_s: float = 1e-3) -> dict[str, object]:
 
 
 def row(text: str, label: str) -> str:
-    (line,) = [line for line in text.splitlines() if line.startswith(label + "  ")]
-    return line[len(label) :]
+    (line,) = [line for line in text.splitlines() if line.split("|")[0].strip() == label]
+    return line[len(label) :].replace("|", " ")
 
 
 def test_every_item_of_the_budget_has_its_row() -> None:
     assert list(ITEMS) == list(LATENCIES)
-    text = latency_text(metrics())
+    text = printed([latency(metrics())])
     assert max(len(line) for line in text.splitlines()) <= 100
     assert row(text, "converter").split() == ["0.100"] * 6 + ["prediction", "0.010", "0.010"]
     assert row(text, "Kalman filter").split() == ["0.800"] * 6 + ["prediction", "0.080", "0.080"]
@@ -51,26 +52,26 @@ def test_every_item_of_the_budget_has_its_row() -> None:
 
 
 def test_what_takes_an_item_out_is_read_from_the_figures() -> None:
-    text = latency_text(metrics(lead_s=0.0))
+    text = printed([latency(metrics(lead_s=0.0))])
     assert "inverse" in row(text, "hold")
     figures = metrics()
     figures["latency.hold_left_s"] = figures["latency.hold_s"]
     figures["latency.sensor_left_s"] = np.zeros(6)
-    text = latency_text(figures)
+    text = printed([latency(figures)])
     assert row(text, "hold").split()[6] == "-"
     assert row(text, "sensor low pass").split()[6] == "inverse"
 
 
 def test_the_identified_total_stands_beside_the_declared_one() -> None:
-    assert "0.750 ms declared; none was identified" in latency_text(metrics())
-    text = latency_text(metrics() | {"latency.identified_s": 7.53e-4, "latency.identified_error_s": 1.2e-5})
+    assert "0.750 ms declared; none was identified" in printed([latency(metrics())])
+    text = printed([latency(metrics() | {"latency.identified_s": 7.53e-4, "latency.identified_error_s": 1.2e-5})])
     assert "0.750 ms declared, 0.753 +- 0.024 ms" in text
     assert "Prediction: 1.000 ms" in text
 
 
 def test_a_result_without_a_budget_has_no_text() -> None:
-    assert latency_text({}) == ""
-    assert latency_text({"latency.converter_s": 5e-4, "latency.hold_s": 2.5e-4}) == ""
+    assert latency({}) == []
+    assert latency({"latency.converter_s": 5e-4, "latency.hold_s": 2.5e-4}) == []
 
 
 def test_the_identification_page_and_document_state_the_delay() -> None:

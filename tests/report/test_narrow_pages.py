@@ -11,20 +11,19 @@ import pytest
 from made_up import paper_cases
 
 from rths_cli.report import check_page, identification_page
+from rths_cli.report.document import Column, Row, Table
 from rths_cli.report.result_tables import tables
-from rths_cli.report.text_layout import Cell, Row, Table, laid_out_in, render, width
+from rths_cli.report.to_text import laid_out_in, width
+from rths_cli.report.to_text import text as printed
 
 COLUMNS = 60
-HEADS = (Cell("left", 5), Cell("right", 5))
 
 
 def table(label: str, columns: int = 5) -> Table:
     """Return a table of two groups of columns, with a heading over each."""
-    count = 2 * columns
-    rows = tuple(Row(f"{label} {k}", tuple(Cell(f"{k}{c:02}") for c in range(count))) for k in range(1, 4))
-    heads = (Cell("left", columns), Cell("right", columns)), tuple(Cell(f"h{c}") for c in range(count))
-    every = Row("a heading " * 8), *rows
-    return Table("A title " * 12, "corner", (columns, columns), 9, heads, every, ("a note " * 20,))
+    heads = tuple(Column(f"h{side}{c:02}", (side,)) for side in ("left", "right") for c in range(columns))
+    rows = (Row(f"{label} {k}", tuple(f"{k}{c:02}" for c in range(2 * columns))) for k in range(1, 4))
+    return Table(heads, (Row("a heading " * 8), *rows), "A title " * 12, "corner", ("a note " * 20,))
 
 
 def numbers(text: str) -> set[str]:
@@ -36,7 +35,7 @@ def numbers(text: str) -> set[str]:
 def test_a_wide_table_is_printed_in_parts(label: str, columns: int) -> None:
     wide = table(label, columns)
     with laid_out_in(COLUMNS):
-        narrow = render(wide)
+        narrow = printed([[wide]])
     assert max(map(len, narrow.splitlines())) <= COLUMNS
     assert numbers(narrow) == {f"{k}{c:02}" for k in range(1, 4) for c in range(2 * columns)}
     assert width() == 100
@@ -44,15 +43,15 @@ def test_a_wide_table_is_printed_in_parts(label: str, columns: int) -> None:
 
 def test_a_group_that_fits_by_itself_is_not_divided() -> None:
     with laid_out_in(COLUMNS):
-        heads = [line for line in render(table("row")).splitlines() if "left" in line or "right" in line]
+        heads = [line for line in printed([[table("row")]]).splitlines() if line.endswith(("left|", "right|"))]
     assert [line.split("|")[1].strip() for line in heads] == ["left", "right"]
 
 
 def test_a_table_that_fits_is_the_same_on_a_narrow_page() -> None:
     small = table("row", 2)
     with laid_out_in(COLUMNS):
-        narrow = [line for line in render(small).splitlines() if "|" in line]
-    assert [line.rstrip("| ") for line in narrow if "h0" in line] != []
+        narrow = [line for line in printed([[small]]).splitlines() if "|" in line]
+    assert [line.rstrip("| ") for line in narrow if "hleft00" in line] != []
     assert max(map(len, narrow)) <= COLUMNS
 
 

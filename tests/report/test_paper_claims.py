@@ -4,8 +4,9 @@ import math
 
 from made_up import HIGH, LOW, figures, paper_cases, result
 
-from rths_cli.report.paper_tables import CLAIMS, HELD, NOT_HELD, UNJUDGED, claims_text, judge
+from rths_cli.report.paper_tables import CLAIMS, HELD, NOT_HELD, UNJUDGED, claims_lines, judge
 from rths_cli.report.results_by_case import entries
+from rths_cli.report.to_text import text as printed
 
 TRACKS, DELAY, DAMPING, PEAK = CLAIMS
 
@@ -95,12 +96,12 @@ def test_damping_levels_are_ordered_by_ratio_and_unknown_ones_not_judged():
 
 
 def test_true_figures_that_turn_a_verdict_are_told():
-    text = claims_text(entries(paper_cases(), {}))
+    text = printed([claims_lines(entries(paper_cases(), {}))])
     assert "1. FF+FB tracks better than FF (RMS tracking error): published held 1 of 1; paper held 2 of 2;" in text
     assert "another verdict" not in text
     cases = paper_cases()
     cases[5].metrics["exp_rths.rms_error_m_s2_true"] = [0.0007, 0.0011, 0.1700]
-    lines = claims_text(entries(cases, {})).splitlines()
+    lines = printed([claims_lines(entries(cases, {}))]).splitlines()
     told = lines[lines.index("Where true figures give another verdict than measured ones:") + 1 :]
     assert told == [
         "  2. 30 % el_centro, low, FF+FB",
@@ -109,5 +110,5 @@ def test_true_figures_that_turn_a_verdict_are_told():
 
 
 def test_a_method_that_was_not_run_is_told_once():
-    text = claims_text(entries([one for one in paper_cases() if one.attributes["method"] == "best"], {}))
+    text = printed([claims_lines(entries([one for one in paper_cases() if one.attributes["method"] == "best"], {}))])
     assert text.count("Method paper was not run") == 1 and "    held              paper" not in text

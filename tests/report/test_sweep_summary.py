@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from rths_cli.files.sweep_file import Figure, Sweep
-from rths_cli.report.sweep_page import document, page, percentiles, summary, summary_text
+from rths_cli.report.sweep_page import document, page, percentiles, summary, summary_section
+from rths_cli.report.to_text import text as printed
 
 TRACKING, STOREYS, MARGIN = "exp_rths.tracking_rms_m_s2", "exp_rths.rms_error_m_s2", "check.gain_margin"
 SCHEMA = Path(__file__).parents[2] / "configs" / "report.schema.json"
@@ -56,7 +57,10 @@ def test_shares_count_all_runs_and_percentiles_those_that_have_the_metric() -> N
 
 def test_small_percentiles_have_three_digits() -> None:
     small = made().figures | {TRACKING: Figure(made().figures[TRACKING].values / 3e5, "m/s^2", "t")}
-    rows = [line.replace("|", " ").split() for line in summary_text(replace(made(), figures=small))[-1].splitlines()]
+    rows = [
+        line.replace("|", " ").split()
+        for line in printed([summary_section(replace(made(), figures=small))]).splitlines()
+    ]
     assert [TRACKING, "1.67e-05", "5.33e-05", "0.000167", "0.000280", "0.000317"] in rows
 
 
@@ -81,4 +85,4 @@ def test_the_text_of_a_study_has_shares_and_percentiles() -> None:
 
 
 def test_a_sweep_without_a_study_prints_none() -> None:
-    assert summary_text(made("")) == []
+    assert summary_section(made("")) == []

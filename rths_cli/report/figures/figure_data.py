@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rths_cli.errors import InputError
 from rths_cli.files.result_listing import Outline, read_outlines
 from rths_cli.files.result_reader import Result, SeriesLeftOut
-from rths_cli.numerics.lti import Array, Integers
+from rths_cli.numerics.lti import Array, ComplexArray, Integers
 from rths_cli.report.numbers import three
 from rths_cli.report.result_scale import series
 from rths_cli.rigs.description import capabilities_of
@@ -152,6 +152,13 @@ def peaks(series: Array) -> Array:
     """Return the largest absolute finite value of each series of (n_storeys, n); NaN where there is none."""
     sizes = np.where(np.isfinite(series), np.abs(series), -np.inf).max(axis=1, initial=-np.inf)
     return np.where(np.isfinite(sizes), sizes, np.nan)
+
+
+def phases(measured: ComplexArray, modelled: ComplexArray) -> tuple[Array, Array]:
+    """Return the phases (n,) in degrees of responses: the measured one nearest to the model's, which is unwrapped."""
+    unwrapped = np.unwrap(np.angle(modelled))
+    unwrapped += 2.0 * np.pi * (unwrapped[:1] < -0.5 * np.pi)  # near 0 Hz an acceleration is 180 deg before its cause
+    return np.degrees(unwrapped + np.angle(measured / modelled)), np.degrees(unwrapped)
 
 
 def chosen_storeys(storeys: int, interface: int) -> list[int]:

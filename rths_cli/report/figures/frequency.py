@@ -12,7 +12,7 @@ from rths_cli.numerics.bands import with_test_band
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
 from rths_cli.quantities import DATASETS
 from rths_cli.quantities.declaration import typeset
-from rths_cli.report.figures.figure_data import DESIRED, MEASURED, TABLE_RUNS, NotDrawn, Source
+from rths_cli.report.figures.figure_data import DESIRED, MEASURED, TABLE_RUNS, NotDrawn, Source, phases
 from rths_cli.report.figures.panels import ACCELERATION_UNITS, Mark, dress, legend_below, lettered, new_figure
 from rths_cli.report.figures.style import BLACK, GREY, MEASURED_FRF, MODEL, ORANGE, PURPLE, RUNS, TRUE, VERMILLION, Look
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
@@ -50,7 +50,7 @@ def table_response(source: Source, width: str) -> Figure:
     figure = new_figure(source, width, 105.0)
     axes = figure.subplots(3, 1, sharex=True, height_ratios=(2.4, 1.4, 1.0))
     sizes = (np.abs(measured), np.abs(fitted))
-    for ax, (seen, model) in zip(axes[:2], (sizes, _phases(measured, fitted)), strict=True):
+    for ax, (seen, model) in zip(axes[:2], (sizes, phases(measured, fitted)), strict=True):
         ax.plot(f, seen, **MEASURED_FRF.line())
         ax.plot(f, model, **MODEL.line())
     axes[0].set(yscale="log", ylabel=f"acceleration / command\n({FRF_UNITS})")
@@ -79,13 +79,6 @@ def fitted_response(source: Source, frequency_hz: Array) -> ComplexArray:
     A, B, C, D = (source.read(f"controller/staircase/{name}") for name in "ABCD")
     alias = Block("staircase", A, B, C, D, dt_s)
     return np.asarray(response + alias.response(frequency_hz)[0, 0], dtype=complex)
-
-
-def _phases(measured: ComplexArray, fitted: ComplexArray) -> tuple[Array, Array]:
-    """Return the unwrapped phases (n,) in degrees; the measured one is the model's plus that of their ratio."""
-    model = np.unwrap(np.angle(fitted))
-    model += 2.0 * np.pi * (model[0] < -0.5 * np.pi)  # near 0 Hz an acceleration is 180 deg before its cause
-    return np.degrees(model + np.angle(measured / fitted)), np.degrees(model)
 
 
 def _quarter_turns() -> Any:

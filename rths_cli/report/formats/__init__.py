@@ -1,1 +1,1 @@
-"""A report in one format each: CSV, JSON, JUnit, LaTeX, Markdown."""
+"""A report as data: CSV, JSON, JUnit."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -15,37 +15,7 @@ from rths_cli.quantities import Interval
 from rths_cli.report.group_comparison import software
 from rths_cli.report.report_contents import Contents
 from rths_cli.report.result_scale import scale_words
-from rths_cli.report.text_layout import Cell, Row, Table
 from rths_cli.safe_text import csv_cell
-
-
-def width(table: Table) -> int:
-    """Return the number of columns without the labels."""
-    return sum(table.groups)
-
-
-def shown(cell: Cell) -> str:
-    """Return the text of a cell with its mark."""
-    return (cell.text + cell.mark).strip()
-
-
-def spread(cells: Sequence[Cell]) -> list[str]:
-    """Return one text for each column; a cell that spans several columns is repeated."""
-    return [shown(cell) for cell in cells for _ in range(cell.span)]
-
-
-def names(table: Table) -> list[str]:
-    """Return a name for each column, made of its headers from the top down; a repeated part occurs once."""
-    levels = [spread(cells) for cells in table.headers]
-    parts = zip(*levels, strict=True)
-    return [" ".join(dict.fromkeys(part for part in column if part)) for column in parts]
-
-
-def filled(row: Row, columns: int) -> list[str]:
-    """Return the texts of a row, one for each column."""
-    texts = spread(row.cells)
-    return texts + [""] * (columns - len(texts))
-
 
 ABOUT = (
     "case_name", "method", "rig", "rig_kind", "record_name", "scaling", "damping_name", "controller", "seed",

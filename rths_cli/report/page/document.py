@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from itertools import groupby
@@ -15,54 +16,37 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import written_whole
 from rths_cli.files.result_reader import Result, read_series
+from rths_cli.files.stored_case import stored_case
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.interrupts import interruptible
 from rths_cli.loop.lost_samples import without_samples
-from rths_cli.numerics.lti import Array, ComplexArray, Model
-from rths_cli.quantities.declaration import typeset
-from rths_cli.report.case_metric_tables import CAUSES, latency_text, named_causes
-from rths_cli.report.figures.figure_data import Pool, pack_floats
-from rths_cli.report.numbers import listed, percent, rounded, rounded_to_four, significant
+from rths_cli.numerics.lti import Array, Model
+from rths_cli.report.case_metric_tables import budget_table, every_figure, latency, named_causes
+from rths_cli.report.document import Document, grid
+from rths_cli.report.figures.figure_data import Pool, pack_floats, phases
+from rths_cli.report.numbers import percent, rounded, significant
 from rths_cli.report.page import histories, overview
-from rths_cli.report.page.html import Html, classed, data_script, details, element, framed, join, table
 from rths_cli.report.page.overview import (
-    BAD,
-    GOOD,
-    OPEN,
     case_files,
     commands,
-    facts,
     is_virtual,
     name_of,
-    pill,
     provenance,
     status,
     summary,
     verdict_table,
 )
-from rths_cli.report.paper_tables import (
-    CLAIMS,
-    HELD,
-    NOT_HELD,
-    UNJUDGED,
-    Claim,
-    Verdict,
-    judge,
-    response_tables,
-    single_table,
-    tracking_tables,
-)
+from rths_cli.report.paper_tables import claims_tables
 from rths_cli.report.result_scale import scale_lines
-from rths_cli.report.result_tables import TRUE, WORDS, test_band
-from rths_cli.report.results_by_case import Entry, entries, sources
-from rths_cli.report.sweep_page import grid_points, page_without_grid_points
-from rths_cli.report.text_layout import Cell, Row, Table, remarks
+from rths_cli.report.result_tables import error_tables, legend, remarks
+from rths_cli.report.results_by_case import Entry, entries
+from rths_cli.report.sweep_page import below_grid_points, grid_points
+from rths_cli.report.to_html import Html, blocks, classed, data_script, details, element, join, table
 
 GROUP = "identification"
 
 _ROOT_HEAD = ["Root of the table model", "frequency (Hz)", "damping ratio (%)"]
-JUDGED = {HELD: GOOD, NOT_HELD: BAD}
-KINDS = {"check": "pred.", "budget": "meas."}
+KINDS = ("check", "budget")
 TIMES = {
     "late_s": "start of the exchange, late by",
     "exchange_s": "exchange with the rig",
@@ -124,13 +108,6 @@ def response(result: Result) -> dict[str, str] | None:
     return {name: pack_floats(values) for name, values in series.items()}
 
 
-def phases(measured: ComplexArray, modelled: ComplexArray) -> tuple[Array, Array]:
-    """Return the phases (n,) in degrees: the model's unwrapped, the measured one nearest to it."""
-    unwrapped = np.unwrap(np.angle(modelled))
-    unwrapped += 2.0 * np.pi * (unwrapped[:1] < -0.5 * np.pi)  # near 0 Hz an acceleration is 180 deg before its cause
-    return np.degrees(unwrapped + np.angle(measured / modelled)), np.degrees(unwrapped)
-
-
 def model(result: Result) -> Model:
     """Return the table model that the controllers of a result used."""
     return Model(
@@ -140,17 +117,25 @@ def model(result: Result) -> Model:
         delay_s=_number(result, "delay_s"),
         band_hz=(0.0, 0.0),
         ripple_m_s2_per_v=_number(result, "ripple_m_s2_per_v"),
-        latency_samples=facts(result).latency_samples,
+        latency_samples=_latency_samples(result),
         dt_s=1.0 / result.sample_rate_hz,
         coupling_hz=_number(result, "coupling_hz"),
     )
+
+
+def _latency_samples(result: Result) -> int:
+    table = stored_case(result).get("table")
+    converters = table.get("converters") if isinstance(table, dict) else None
+    latency = converters.get("latency_samples", 1) if isinstance(converters, dict) else 1
+    return latency if isinstance(latency, int) else 1
 
 
 def identification(result: Result) -> Html:
     """Return tables of the identification: fit, delay, specimen, roots; "" without an identification."""
     if GROUP not in result.groups:
         return Html("")
-    return join([table([["Identified", "value"]], _numbers(result)), table([_ROOT_HEAD], _roots(result), "figures")])
+    numbers = grid([["Identified", "value"], *_numbers(result)], words=True)
+    return join([table(numbers), table(grid([_ROOT_HEAD, *_roots(result)]))])
 
 
 def _numbers(result: Result) -> Iterator[list[str]]:
@@ -189,104 +174,28 @@ def _number(result: Result, name: str) -> float:
     return float(_read(result, name))
 
 
-def error_tables(cases: Sequence[Entry]) -> Html:
+def errors(cases: Sequence[Entry]) -> Html:
     """Return the error tables of the cases on one shake table, with the legend and remarks on runs that failed."""
-    found = (
-        [single_table(cases[0], "mm/s^2")] if len(cases) == 1 else [*tracking_tables(cases), *response_tables(cases)]
-    )
-    lines = [*sources(cases), test_band(cases), *([TRUE] if cases[0].virtual else []), WORDS, *remarks(cases)]
-    return join([*(as_html(one) for one in found), *(classed("p", "note", line) for line in lines)])
-
-
-def as_html(shown: Table) -> Html:
-    """Return a table with its title, with bars as in the text form."""
-    corners = [""] * (len(shown.headers) - 1) + [shown.corner]
-    heads = (_row("th", corner, cells, shown) for corner, cells in zip(corners, shown.headers, strict=True))
-    rows = (_row("td", row.label, row.cells, shown) if row.cells else _heading(row, shown) for row in shown.rows)
-    title = typeset(shown.title)
-    about = {"class": "figures", "aria-label": title}
-    body = element("table", element("thead", *heads), element("tbody", *rows), attributes=about)
-    return join([element("h4", title), framed(body)])
+    lines = (classed("p", "note", line) for line in (*legend(cases), *remarks(cases)))
+    return join([*map(table, error_tables(cases, "mm/s^2")), *lines])
 
 
 def claims(cases: Sequence[Entry]) -> Html:
     """Return the counted verdicts on the paper's claims, with all comparisons folded."""
-    return join(_claim(place, claim, cases) for place, claim in enumerate(CLAIMS, 1))
-
-
-def _claim(place: int, claim: Claim, cases: Sequence[Entry]) -> Html:
-    found = judge(claim, cases, "")
-    if not found:
-        return Html("")
-    counts = element(
-        "div", *(part for source in dict.fromkeys(v.source for v in found) for part in _count(source, found))
+    return join(
+        join([*(element("p", element("strong", note)) for note in one.notes), details("comparisons", table(whole))])
+        for one in claims_tables(cases)
+        for whole in [replace(one, notes=())]
     )
-    rows = ([v.where, v.source, v.verdict, v.because] for v in found)
-    compared = table([["where", "source", "verdict", "metrics compared, measured (m/s²)"]], rows)
-    return join([element("p", element("strong", f"{place}. {claim.text}")), counts, details("comparisons", compared)])
-
-
-def _count(source: str, found: Sequence[Verdict]) -> Iterator[Html]:
-    mine = [verdict.verdict for verdict in found if verdict.source == source]
-    judged = [word for word in mine if word in JUDGED]
-    for word, kind in JUDGED.items():
-        if word in judged:
-            yield join([pill(kind, f"{source}: {word} in {judged.count(word)} of {len(judged)}"), " "])
-    if len(judged) < len(mine):
-        yield join([pill(OPEN, f"{source}: {UNJUDGED} in {len(mine) - len(judged)}"), " "])
-
-
-def _row(kind: str, label: str, cells: Sequence[Cell], shown: Table) -> Html:
-    """Return a row; the last cell of each group has a bar."""
-    ends = {sum(shown.groups[: place + 1]) for place in range(len(shown.groups))}
-    parts, column = [element("th", label, attributes={"scope": "row"} if kind == "td" else None)], 0
-    for cell in cells:
-        column += cell.span
-        span = {"colspan": str(cell.span)} if cell.span > 1 else {}
-        bar = {"class": "end"} if column in ends else {}
-        parts.append(element(kind, f"{cell.text}{cell.mark}".strip(), attributes=span | bar))
-    return element("tr", *parts)
-
-
-def _heading(row: Row, shown: Table) -> Html:
-    attributes = {"colspan": str(sum(shown.groups) + 1), "class": "heading"}
-    return element("tr", element("th", element("span", row.label), attributes=attributes))
-
-
-def every_figure(entry: Entry) -> Html:
-    """Return a table of all metrics of a case: path, unit, values by method, definition."""
-    methods = entry.results
-    paths = sorted({path for result in methods.values() for path in result.metrics})
-    return table([["metric", "unit", *methods, "definition"]], (_figure(path, methods) for path in paths))
 
 
 def by_cause(result: Result) -> Html:
     """Return the error of EXP-RTHS by cause in mm/s², predicted and measured; "" if neither is known."""
-    kinds = [kind for kind in KINDS if f"{kind}.rms_error_coupling_m_s2" in result.metrics]
-    if not kinds:
+    if not any(f"{kind}.rms_error_coupling_m_s2" in result.metrics for kind in KINDS):
         return Html("")
-    storeys = np.atleast_1d(result.metrics[f"{kinds[0]}.rms_error_coupling_m_s2"]).size
-    columns = ["tracking", *(f"storey {storey}" for storey in range(1, storeys + 1))]
-    heads = (
-        tuple(Cell(column, len(kinds)) for column in columns),
-        tuple(Cell(KINDS[kind]) for kind in kinds) * len(columns),
-    )
-    rows = [
-        Row(label, tuple(Cell(text) for text in _causes(result, kinds, cause, storeys)))
-        for cause, label in {**CAUSES, "": "together"}.items()
-    ]
-    shown = tuple(row for row in rows if any(cell.text != "-" for cell in row.cells))
-    virtual = "; virtual" if is_virtual(result) else ""
-    title = f"Error by cause (RMS, mm/s^2, test band{virtual})"
+    whole = table(budget_table(result.metrics, what="; virtual" if is_virtual(result) else ""))
     named = named_causes(result)
-    whole = as_html(Table(title, "", (len(kinds),) * len(columns), 10, heads, shown))
     return join([whole, element("p", named)]) if named else whole
-
-
-def latency(result: Result) -> Html:
-    """Return the latency budget as on the terminal; "" if it is not known."""
-    text = latency_text(result.metrics)
-    return framed(element("pre", text)) if text else Html("")
 
 
 def timing(result: Result) -> Html:
@@ -296,7 +205,7 @@ def timing(result: Result) -> Html:
     rows = [row for run in TABLES if run in result.groups for row in _timing(result, run)]
     if not rows:
         return Html("")
-    return table([["loop timing (µs)", *SHARES]], rows, "figures")
+    return table(grid([["loop timing (µs)", *SHARES], *rows]))
 
 
 def _timing(result: Result, run: str) -> Iterator[list[str]]:
@@ -329,37 +238,18 @@ def _noted(result: Result, name: str) -> Array | None:
         return None
 
 
-def _figure(path: str, methods: Mapping[str, Result]) -> list[str]:
-    having = next(result for result in methods.values() if path in result.metrics)
-    values = (_listed(result, path) for result in methods.values())
-    return [path, typeset(having.units.get(path, "")), *values, having.definitions.get(path, "")]
-
-
-def _listed(result: Result, path: str) -> str:
-    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), rounded_to_four, between="  ")
-
-
-def _causes(result: Result, kinds: list[str], cause: str, storeys: int) -> Iterator[str]:
-    for column in range(storeys + 1):
-        for kind in kinds:
-            figure = "rms_error" if column else "tracking_rms"
-            source = "exp_rths" if kind == "budget" and not cause else kind
-            values = result.metrics.get(f"{source}.{figure}{'_' if cause else ''}{cause}_m_s2")
-            yield "-" if values is None else f"{1e3 * float(np.atleast_1d(values)[max(column - 1, 0)]):.3f}"
-
-
 def study_section(path: Path, sweep: Sweep) -> Html:
     """Return the section of a sweep, given with its file."""
-    told = element("pre", page_without_grid_points(sweep, path).strip("\n"))
-    parts = [*_figures(sweep), element("h3", "Summary"), told]
+    parts = [*_figures(sweep), element("h3", "Summary"), *map(blocks, below_grid_points(sweep, path))]
     if points := grid_points(sweep):
-        parts += [element("h3", "Grid points"), element("pre", points.rstrip("\n"))]
+        parts += [element("h3", "Grid points"), blocks(points)]
     if sweep.study_yaml:
         parts.append(details("The study", element("pre", sweep.study_yaml)))
     parts.append(details("The case that is varied", element("pre", sweep.case_yaml)))
-    rows = [(label, str(sweep.attributes[name])) for name, label in ORIGIN.items() if name in sweep.attributes]
+    found = {label: str(sweep.attributes[name]) for name, label in ORIGIN.items() if name in sweep.attributes}
+    rows = [("", path.name), *found.items()]
     rows.append(("Processors", ", ".join(sorted({*sweep.texts["processor"]} - {""})) or "-"))
-    parts.append(details("Origin", table([["", path.name]], rows)))
+    parts.append(details("Origin", table(grid(rows, words=True))))
     return element("section", element("h2", path.stem), *parts)
 
 
@@ -391,7 +281,7 @@ def write_page(
     results: Sequence[Result],
     path: Path,
     command_line: str,
-    comparison: str = "",
+    comparison: Document = (),
     sweeps: Sequence[tuple[Path, Sweep]] = (),
 ) -> None:
     """Write the page of results and sweeps; equal results and command lines give equal bytes.
@@ -408,12 +298,12 @@ def write_page(
 
 
 def page(
-    results: Sequence[Result], command_line: str, comparison: str = "", sweeps: Sequence[tuple[Path, Sweep]] = ()
+    results: Sequence[Result], command_line: str, comparison: Document = (), sweeps: Sequence[tuple[Path, Sweep]] = ()
 ) -> str:
     """Return the page of results and sweeps as HTML; raises InputError without any.
 
-    `command_line`: the command that makes the page; `comparison`: text that compares the results; `sweeps`: each with
-    its file.
+    `command_line`: the command that makes the page; `comparison`: sections that compare the results; `sweeps`: with
+    their files.
     """
     studies = [study_section(path, sweep) for path, sweep in sweeps]
     if studies and not results:
@@ -433,11 +323,10 @@ def page(
     return _whole(title, body, data_script("rths-data", _data(ordered)))
 
 
-def _comparison(text: str) -> tuple[Html, ...]:
-    """Return a section with text that is laid out already; () without text."""
-    if not text.strip():
-        return ()
-    return (element("section", element("h2", "Comparison"), element("pre", text), attributes={"id": "comparison"}),)
+def _comparison(document: Document) -> tuple[Html, ...]:
+    """Return the section that compares results; () without one."""
+    told = [blocks(section) for section in document]
+    return (element("section", element("h2", "Comparison"), *told, attributes={"id": "comparison"}),) if told else ()
 
 
 def _subject(cases: Sequence[Entry], results: Sequence[Result]) -> str:
@@ -488,7 +377,7 @@ def _errors(cases: Sequence[Entry]) -> list[Html]:
         if not any({*WITH_ERRORS} & {*r.groups} for entry in members for r in entry.results.values()):
             found.append(element("p", f"No run on {name} has errors."))
             continue
-        found.append(error_tables(members))
+        found.append(errors(members))
         if any(entry.published or entry.reference_title for entry in members):
             found += [element("h3", f"The paper's claims, on {name}"), claims(members)]
     return found
@@ -519,7 +408,7 @@ def _case(entry: Entry, unfolded: bool) -> Html:
     names = dict.fromkeys(str(result.attributes.get("case_name") or "-") for result in entry.results.values())
     what = f"{', '.join(names)}: {entry.excitation}, damping {entry.damping}, {entry.controller}; {entry.table_name}"
     parts = [part for result in entry.results.values() for part in _result(result)]
-    figures = details("Every metric with its definition", every_figure(entry))
+    figures = details("Every metric with its definition", *map(table, every_figure(entry)))
     return details(what, *parts, figures, unfolded=unfolded)
 
 
@@ -528,8 +417,8 @@ def _result(result: Result) -> Iterator[Html]:
     yield by_cause(result)
     yield timing(result)
     yield identification(result)
-    loop = latency(result)
-    yield details("Latency of the loop", loop) if loop else Html("")
+    loop = latency(result.metrics)
+    yield details("Latency of the loop", blocks(loop)) if loop else Html("")
     yield case_files(result)
 
 

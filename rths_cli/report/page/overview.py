@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from rths_cli.analysis.grade import GOOD as GOOD_TEST
-from rths_cli.analysis.grade import USABLE
-from rths_cli.case.yaml_reader import Source, parse, plain
+from rths_cli.analysis.grade import USABLE, Judged
 from rths_cli.files.result_reader import Result
 from rths_cli.files.stored_case import stored_case, storey_heights_m
 from rths_cli.numerics.lti import Array
-from rths_cli.quantities.declaration import typeset
-from rths_cli.report.answer import about, base_shear, grade, not_accepted, storey_columns, storeys_with_laws, verdict
-from rths_cli.report.page.html import Html, classed, details, element, framed, join, table
-from rths_cli.report.result_scale import in_model_scale
+from rths_cli.report.answer import about, base_shear, grade, not_accepted, storey_table, storeys_with_laws, verdict
+from rths_cli.report.document import grid
+from rths_cli.report.results_by_case import judge
+from rths_cli.report.to_html import Html, classed, details, element, framed, join, table
 from rths_cli.rigs.description import capabilities_of
 
 MET, NOT_MET, NOT_JUDGED = "met", "not met", "not judged"
 RUNS = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "shake table test", "exp_rths": "EXP-RTHS"}
 
 GOOD, BAD, OPEN = "good", "bad", "open"
+JUDGED = {MET: GOOD, NOT_MET: BAD, NOT_JUDGED: OPEN}
 CHECKED = {"safe": GOOD, "unsafe": BAD, "unstable": BAD}
 HEADS = ("result", "table", "status", "check before", "accept limits")
 SAID = "verdict"  # of several results, whose first screen shows one
@@ -54,36 +51,16 @@ ROOM = 12.0  # between two labels of floors, at least
 LETTER = 6.2  # width of one
 
 
-@dataclass(frozen=True)
-class Limit:
-    """An `accept` limit of a case."""
-
-    path: str  # of the metric
-    limit: float
-    value: float | None  # of the metric; None: not computed
-    verdict: str  # MET, NOT_MET or NOT_JUDGED
+def missing(result: Result) -> list[str]:
+    """Return the runs that the case asks for and the result does not hold."""
+    runs = stored_case(result).get("runs") or ()
+    return [RUNS.get(str(run), str(run)) for run in runs if run not in result.groups]
 
 
-@dataclass(frozen=True)
-class Facts:
-    """Values of a result's case that the page shows."""
-
-    missing: tuple[str, ...]  # requested runs that are not in the result
-    limits: tuple[Limit, ...]
-    latency_samples: int  # of the converters
-    notes: str  # of the case file
-
-
-def facts(result: Result) -> Facts:
-    """Return the values from the resolved case of a result; without a case, there are no limits and no missing runs."""
-    node, _ = parse(result.resolved_yaml, Source("case/resolved", Path()))
-    found = plain(node) if node is not None else {}
-    case: Mapping[str, Any] = found if isinstance(found, dict) else {}
-    accept = _mapping(case.get("accept"))
-    limits = tuple(_limit(result, str(path), limit) for path, limit in accept.items() if isinstance(limit, int | float))
-    latency = _mapping(_mapping(case.get("table")).get("converters")).get("latency_samples", 1)
-    missing = tuple(RUNS.get(str(run), str(run)) for run in case.get("runs") or () if run not in result.groups)
-    return Facts(missing, limits, latency if isinstance(latency, int) else 1, str(case.get("notes") or ""))
+def limits(result: Result) -> list[tuple[str, Judged]]:
+    """Return the accept limits of a case, each with its verdict: MET, NOT_MET or NOT_JUDGED."""
+    whole = status(result) == "complete"
+    return [(NOT_JUDGED if not whole else MET if one.met else NOT_MET, one) for one in judge(result)]
 
 
 def is_virtual(result: Result) -> bool:
@@ -103,28 +80,6 @@ def name_of(result: Result) -> str:
     return f"{a.get('case_name') or '-'} ({a.get('method') or '-'}{when})"
 
 
-def _limit(result: Result, path: str, limit: float) -> Limit:
-    value = _figure(result, path)
-    if status(result) != "complete":
-        return Limit(path, limit, value, NOT_JUDGED)
-    return Limit(path, limit, value, MET if value is not None and abs(value) <= limit else NOT_MET)
-
-
-def _figure(result: Result, path: str) -> float | None:
-    """Return the value of a metric as `rths run` judges it: of the storey in the path, from 1, or the largest one."""
-    name, _, index = path.partition("[")
-    stored = in_model_scale(result).metrics
-    if name not in stored:
-        return None
-    values = np.atleast_1d(np.asarray(stored[name], dtype=float))
-    place = int(index.rstrip("]")) - 1 if index else int(np.abs(values).argmax())
-    return float(values[place]) if place < values.size else None
-
-
-def _mapping(value: object) -> Mapping[str, Any]:
-    return value if isinstance(value, dict) else {}
-
-
 def verdict_table(results: Sequence[Result]) -> Html:
     """Return a table with a row for every result, whatever its status, followed by the warnings."""
     heads = (*HEADS, SAID) if len(results) > 1 else HEADS
@@ -137,9 +92,9 @@ def summary(results: Sequence[Result]) -> str:
     """Return in words the number of results by status, and the number of accept limits by verdict."""
     ends = [status(result) for result in results]
     told = [f"{ends.count(end)} {end}" for end in dict.fromkeys(ends)]
-    limits = [limit.verdict for result in results for limit in facts(result).limits]
-    judged = ", ".join(f"{limits.count(word)} {word}" for word in dict.fromkeys(limits))
-    return f"{', '.join(told)}; {f'accept limits: {judged}' if limits else 'no accept limits set'}"
+    words = [word for result in results for word, _ in limits(result)]
+    judged = ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))
+    return f"{', '.join(told)}; {f'accept limits: {judged}' if words else 'no accept limits set'}"
 
 
 def pill(kind: str, text: str) -> Html:
@@ -155,7 +110,7 @@ def _cells(result: Result, heads: Sequence[str]) -> Iterator[Html]:
         [f"{a.get('rig', '-')}, {kind}"],
         _ending(result),
         [pill(CHECKED.get(checked, OPEN), checked), *_overrides(result)],
-        _limits(facts(result).limits),
+        _limits(limits(result)),
         [verdict(result)],
     )
     yield element("th", name_of(result), attributes={"scope": "row"})
@@ -168,8 +123,8 @@ def _ending(result: Result) -> Iterator[Html]:
     end, reason = status(result), str(result.attributes.get("status_reason") or "")
     yield pill(GOOD if end == "complete" else BAD, end)
     told = [reason] if reason else ["no reason stored"] if end != "complete" else []
-    missing = facts(result).missing
-    told += [f"missing: {', '.join(missing)}"] if missing else []
+    absent = missing(result)
+    told += [f"missing: {', '.join(absent)}"] if absent else []
     yield from (classed("div", "reason", text) for text in [*told, *_divergences(result)])
 
 
@@ -195,14 +150,12 @@ def _overrides(result: Result) -> Iterator[Html]:
         yield classed("div", "reason", f"overridden: {result.attributes['overrides']}")
 
 
-def _limits(limits: Sequence[Limit]) -> Iterator[Html]:
-    if not limits:
+def _limits(judged: Sequence[tuple[str, Judged]]) -> Iterator[Html]:
+    if not judged:
         yield Html("none")
-    for one in limits:
+    for word, one in judged:
         value = "not computed" if one.value is None else f"{one.value:.4g}"
-        kind = GOOD if one.verdict == MET else BAD if one.verdict == NOT_MET else OPEN
-        text = f" {one.path}: {value}, limit {one.limit:g}"
-        yield element("div", pill(kind, one.verdict), text)
+        yield element("div", pill(JUDGED[word], word), f" {one.path}: {value}, limit {one.limit:g}")
 
 
 def provenance(results: Sequence[Result]) -> Html:
@@ -211,7 +164,8 @@ def provenance(results: Sequence[Result]) -> Html:
     made = ([name_of(r), r.path.name, str(r.attributes.get("created_utc") or "-")] for r in results)
     head = ["", "value", "results"] if len(results) > 1 else ["", "value"]
     told = (row[: len(head)] for row in rows)
-    return join([table([head], told), table([["result", "file", "created (UTC)"]], made)])
+    files = grid([["result", "file", "created (UTC)"], *made], words=True)
+    return join([table(grid([head, *told], words=True)), table(files)])
 
 
 def commands(results: Sequence[Result], command_line: str) -> Html:
@@ -226,7 +180,7 @@ def commands(results: Sequence[Result], command_line: str) -> Html:
 
 def case_files(result: Result) -> Html:
     """Return the notes of a result's case, and folded its text as written and with all defaults."""
-    notes = facts(result).notes
+    notes = str(stored_case(result).get("notes") or "")
     parts = [classed("p", "note", f"Notes of the case: {notes}")] if notes else []
     for title, text in (("Case file as written", result.case_yaml), ("Case with all defaults", result.resolved_yaml)):
         parts += [details(title, element("pre", text))] if text else []
@@ -377,12 +331,7 @@ def responses(results: Sequence[Result]) -> Html:
 
 
 def _response(result: Result) -> Html:
-    labels, columns = storey_columns(result)
-    if not columns:
+    if (shown := storey_table(result)) is None:
         return Html("")
-    heads = [["storey", *(one.name for one in columns)], ["", *(typeset(one.unit) for one in columns)]]
-    rows = ([label, *(one.cells[place] for one in columns)] for place, label in enumerate(labels))
-    shear = base_shear(result)
-    shown = table(heads, rows, "figures", ["", *(one.group for one in columns)])
-    notes = (note for note in (shear, storeys_with_laws(result)) if note)
-    return join([shown, *(classed("p", "note", note) for note in notes)])
+    notes = (note for note in (base_shear(result), storeys_with_laws(result)) if note)
+    return join([table(shown), *(classed("p", "note", note) for note in notes)])

@@ -11,7 +11,8 @@ from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import Figure, Sweep
 from rths_cli.report.figures import NotDrawn
 from rths_cli.report.figures.study_figures import has_boundary, parallel, sobol, stability, sweep_figure, tornado
-from rths_cli.report.sweep_page import indices_document, indices_of, indices_text
+from rths_cli.report.sweep_page import indices_document, indices_of, indices_section
+from rths_cli.report.to_text import text as printed
 from rths_cli.studies.study_plan import unit_samples
 
 STOREYS, TRACKING, RADIUS = "exp_rths.rms_error_m_s2", "exp_rths.tracking_rms_m_s2", "check.spectral_radius"
@@ -129,17 +130,16 @@ def test_sobol_indices_are_drawn_and_printed_as_they_are_estimated(sampled):
     order = np.argsort(found.total)
     first, total = (each[0].get_xdata() for each in sobol(sampled, "one").axes[0].containers)
     assert first == pytest.approx(found.first[order]) and total == pytest.approx(found.total[order])
-    text = "\n".join(indices_text(sampled))
+    text = printed([indices_section(sampled)])
     assert f"{found.total[1]:.4f} +- {found.total_error[1]:.4f}" in text
     assert indices_document(sampled)[f"{STOREYS}[1]"]["two"]["total"] == pytest.approx(found.total[1])
-    assert (
-        indices_text(replace(sampled, study_yaml="")) == [] == list(indices_document(replace(sampled, study_yaml="")))
-    )
+    other = replace(sampled, study_yaml="")
+    assert indices_section(other) == [] == list(indices_document(other))
 
 
 def test_indices_need_every_run_and_no_other_key(sampled):
     lost = replace(sampled, texts={"status": ("refused", *sampled.texts["status"][1:])})
-    assert "1 of 5120 have none" in "\n".join(indices_text(lost))
+    assert "1 of 5120 have none" in printed([indices_section(lost)])
     with pytest.raises(NotDrawn, match="1 of 5120 have none"):
         sobol(lost, "one")
     other = replace(sampled, varied=sampled.varied | {"method": ("best",) * 5120})

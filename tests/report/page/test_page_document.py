@@ -411,4 +411,4 @@ def test_claims_are_counted_where_they_can_be_judged(tmp_path: Path) -> None:
     results = [made("a", "complete", 0.01), made("b", "aborted", 0.01), made("c", "complete", 0.3)]
     words = " ".join(page_reader.read(page(results, "")).words().split())
     second = words[words.index("2. EXP-RTHS is better than SIM-DELAY") : words.index("3. EXP-RTHS is better with")]
-    assert "best: held in 1 of 2 best: not held in 1 of 2 best: cannot be judged in 1" in second
+    assert "best held 1 of 2 (1 not judged)" in second

@@ -28,6 +28,7 @@ from rths_cli.experiment.real_rig_readiness import (
     ready_on_rig,
 )
 from rths_cli.experiment.setup import Progress, Setup
+from rths_cli.findings import sentences
 from rths_cli.identification import excitation, low_level_probe
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.excitation import Excitation
@@ -298,7 +299,7 @@ def excite(
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
     where = f"identification of rig {setup.rig.name}, {RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}"
     if "check" not in setup.overrides and (faults := excitation_faults(setup, command_v)):
-        raise LimitError(f"{where} refused: {'; '.join(faults)}; {ADVICE}")
+        raise LimitError(f"{where} refused: {'; '.join(sentences(faults))}; {ADVICE}")
     outcome = play_excitation(setup, drive, stream or (IDENTIFICATION,), progress)
     advice = "" if outcome.reason in NOT_BY_MOTION else f"; {ADVICE}"
     if outcome.rig_fault:

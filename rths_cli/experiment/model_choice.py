@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rths_cli.errors import InputError
 from rths_cli.experiment.model_files import Cache, Stored, key, load
 from rths_cli.experiment.setup import Progress, Setup, shown
+from rths_cli.findings import Finding
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Model
 
@@ -31,13 +32,12 @@ class IdentifiedModel:
     source: str  # in words
     reasons: tuple[str, ...] = ()  # why a model that was accepted earlier must not be used now
 
-    def faults(self, overrides: tuple[str, ...]) -> tuple[str, ...]:
+    def faults(self, overrides: tuple[str, ...]) -> tuple[Finding, ...]:
         """Return why the model must not drive a table; () if it may, or if --override model was given."""
         reasons = (*(() if self.found.accepted else self.found.reasons), *self.reasons)
         if not reasons or "model" in overrides:
             return ()
-        advice = "improve the identification, or add --override model"
-        return (f"identified model rejected: {'; '.join(reasons)}; {advice}",)
+        return (Finding("model.rejected", {"reasons": reasons}, ("improve_or_override",)),)
 
 
 class Memory:

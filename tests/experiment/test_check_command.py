@@ -16,7 +16,7 @@ from watched_references import watch_references
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RigError
 from rths_cli.experiment import check, check_command, identify_on_rig, real_rig_readiness
-from rths_cli.experiment.check_command import REACH, Checked
+from rths_cli.experiment.check_command import Checked
 from rths_cli.experiment.model_choice import IdentifiedModel, Memory
 from rths_cli.experiment.model_files import save
 from rths_cli.experiment.run_case import Ended, run_case
@@ -24,6 +24,7 @@ from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import Result, read_result
 from rths_cli.identification.results import Identification
 from rths_cli.quantities import METRICS
+from rths_cli.quantities.metrics import REACH
 
 CASE, BARE = "el_centro_low_ff_fb", "el_centro_bare_ff_fb"
 
@@ -132,7 +133,7 @@ def test_figures_against_known_ones(memory: Memory) -> None:
     assert value(found, "loop_frequency_hz") == pytest.approx(value(found, "building_frequency_hz"), rel=1e-4)
     assert value(found, "loop_damping_ratio") == pytest.approx([0.026, 0.0663, 0.0563], abs=1e-4)
     assert value(found, "sim_delay_rms_error_m_s2") == pytest.approx([0.0763, 0.1278, 0.1581], rel=0.005)
-    assert {leaf: float(value(found, f"limit_{leaf}")) for leaf in REACH.values()} == pytest.approx(
+    assert {leaf: float(value(found, f"limit_{leaf}")) for leaf in REACH} == pytest.approx(
         {
             "displacement_m": 0.079,
             "velocity_m_s": 1.0,

@@ -308,7 +308,7 @@ def run_case(
                 change_m = change_of_residual_drift(setup, sim, shared)
                 values |= true_reference.residual_drift_metrics(setup, sim, change_m, values)
             cautions = (*played.said, *true_reference.disagreement(values), *cautions)
-        cautions = (*losses_of_runs(values), *cautions)
+        cautions = (*sentences(losses_of_runs(values)), *cautions)
         late = (played.late.reason,) if played.late else ()
         if cautions or late:
             writer.about({"warnings": "\n".join((*late, *cautions))})

@@ -86,8 +86,10 @@ def from_data(data: Mapping[str, Any]) -> Finding:
     try:
         within = tuple(from_data(where) for where in data.get("within", ()))
         values = {name: _valued(value) for name, value in data["values"].items()}
-        return Finding(data["code"], values, tuple(data["advice"]), within, data["severity"])
-    except ValueError:
+        found = Finding(data["code"], values, tuple(data["advice"]), within, data["severity"])
+        str(found)  # a number that is not finite has no sentence
+        return found
+    except (ValueError, TypeError):
         return stated(data["text"], data["severity"])
 
 

@@ -22,6 +22,7 @@ from rths_cli.experiment.model_files import save
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import Result, read_result
+from rths_cli.findings import stated
 from rths_cli.identification.results import Identification
 from rths_cli.quantities import METRICS
 from rths_cli.quantities.metrics import REACH
@@ -173,7 +174,7 @@ def test_a_rig_that_cannot_be_identified_makes_a_case_unsafe(monkeypatch: pytest
 
 @pytest.mark.campaign
 def test_a_rejected_model_is_a_reason_unless_overridden(default_identification: Identification) -> None:
-    verdict = replace(default_identification.verdict, accepted=False, reasons=("made up",))
+    verdict = replace(default_identification.verdict, accepted=False, refusals=(stated("made up"),))
     known = IdentifiedModel(replace(default_identification, verdict=verdict), "made up")
     memory = SimpleNamespace(at_rest=lambda *_: known)
     found = check_command.check_case(setup_of(), memory, nothing)  # type: ignore[arg-type]
@@ -190,7 +191,7 @@ def test_a_controller_that_a_rejected_model_leaves_none_is_no_reason_of_its_own(
         raise InputError("controller: no feedback is of use")
 
     monkeypatch.setattr(check_command, "design_blocks", refuse)
-    verdict = replace(default_identification.verdict, accepted=False, reasons=("made up",))
+    verdict = replace(default_identification.verdict, accepted=False, refusals=(stated("made up"),))
     known = IdentifiedModel(replace(default_identification, verdict=verdict), "made up")
     memory = SimpleNamespace(at_rest=lambda *_: known)
     (reason,) = check_command.check_case(setup_of(), memory, nothing).reasons  # type: ignore[arg-type]

@@ -20,7 +20,7 @@ from rths_cli.experiment.model_choice import IdentifiedModel
 from rths_cli.experiment.one_table_run import HYBRID_TEST, SHAKE_TABLE_TEST, plan_run, play_run, run_of
 from rths_cli.experiment.run_case import refusal_of
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.findings import sentences
+from rths_cli.findings import sentences, stated
 from rths_cli.identification.results import Identification
 
 SHORT_SEED = 32  # stiff: modes in and above the identified band
@@ -84,7 +84,9 @@ def test_model_that_is_rejected_refuses_the_table_test_too(
     default_setup: Setup, default_identification: Identification
 ) -> None:
     setup = table_only(default_setup)
-    found = verdict_on(setup, replace(IdentifiedModel(default_identification, "test"), reasons=("made up",)), False)
+    found = verdict_on(
+        setup, replace(IdentifiedModel(default_identification, "test"), reasons=(stated("made up"),)), False
+    )
     assert found.worst == UNSAFE and "made up" in "; ".join(sentences(found.of_run("shake_table")[1]))
 
 

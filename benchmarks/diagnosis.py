@@ -23,6 +23,7 @@ from options import arguments, parsed
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from campaigns.own_chains import Chain, Fault, drawn_fault, drawn_plant, injected, made_chain
 
+from rths_cli.findings import sentences
 from rths_cli.identification import channel_responses
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.frequency_response import estimate
@@ -57,7 +58,7 @@ def said_of(chain: Chain) -> tuple[str, ...]:
         return tuple(unfit.faults)
     frfs = estimate([chain.record], info.dt_s, settings.band_hz, data.settings.segment_s)
     found = channel_responses.judge(data, frfs)
-    return (*found.faults, *found.warnings)
+    return sentences((*found.faults, *found.warnings))
 
 
 def expected(fault: Fault, chain: Chain) -> str:

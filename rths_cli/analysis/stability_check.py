@@ -25,6 +25,7 @@ from rths_cli.analysis.quantisation import zero_error
 from rths_cli.control.continued_table import ContinuedTable, unknown
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.margins import Margins, margins
+from rths_cli.findings import Finding, sentences
 from rths_cli.identification.results import LevelBand
 from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model
@@ -45,9 +46,8 @@ LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # start: lower with a l
 MODES_HZ = 60.0  # of the usual compared band: highest loop mode around which the grid is refined
 LEAST_LOOP = 1e-12  # a smaller loop gain counts as zero
 BESIDE = 0.1  # largest logarithm of the frequency ratio of a zero and the pole of the same mode
-DISPLACEMENT = "displacement (with room to brake)"
 # advice for a loop of table and controller alone
-ALONE = "lower feedback_bandwidth_hz, use controller FF, or identify to a higher frequency (identification.high_hz)"
+ALONE = ("lower_bandwidth", "use_ff", "identify_higher_hz")
 NO_ZEROS = np.empty(0, dtype=complex)
 NO_MODES = np.empty(0)
 
@@ -115,7 +115,7 @@ NO_STRAYS = Strays()
 @dataclass(frozen=True)
 class Reach:
     """The predicted peak of a quantity and its limit, both in `units`; `fixed`: the part of the peak that does not grow
-    with the record, and `because` its cause with advice; `key`: what states the limit."""
+    with the record, and `cause` and `advice` the codes of its cause and remedy; `key`: what states the limit."""
 
     name: str
     peak: float
@@ -123,7 +123,8 @@ class Reach:
     units: str
     fixed: float = 0.0
     key: str = ""
-    because: str = ""
+    cause: str = ""
+    advice: tuple[str, ...] = ()
 
     @property
     def share(self) -> float:
@@ -137,20 +138,11 @@ class Reach:
 
 
 @dataclass(frozen=True)
-class Fault:
-    """A reason why a hybrid test is not safe."""
-
-    cause: str  # the same wherever the reason is the same with other numbers
-    text: str  # the sentence
-    beyond: float  # required over found, or found over permitted: the larger, the worse; NaN: not known
-
-
-@dataclass(frozen=True)
 class Preflight:
     """The result of the check of a hybrid test."""
 
     verdict: str  # SAFE, UNSAFE or UNSTABLE
-    faults: tuple[Fault, ...]  # why it is not safe
+    faults: tuple[Finding, ...]  # why it is not safe
     critical: CriticalDelay
     stability: Stability
     reach: tuple[Reach, ...]  # predicted peaks with their limits
@@ -160,12 +152,12 @@ class Preflight:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Return why the test is not safe, one sentence each."""
-        return tuple(fault.text for fault in self.faults)
+        return sentences(self.faults)
 
 
 def judge(
     critical: CriticalDelay, stability: Stability, reach: tuple[Reach, ...], scaling: float,
-    prediction: Prediction | None, further: tuple[Fault, ...] = (), feedback: bool = False,
+    prediction: Prediction | None, further: tuple[Finding, ...] = (), feedback: bool = False,
     least_delay_s: float = LEAST_DELAY_S, alone: bool = False,
 ) -> Preflight:  # fmt: skip
     """Return the result of the check: unstable, unsafe with its reasons, or safe.
@@ -191,9 +183,9 @@ def over_samples(nominal: Preflight, samples: Sequence[Preflight]) -> Preflight:
     worst, after the reasons of the nominal model. The largest safe scaling is safe with every sample.
     """
     every = (nominal, *samples)
-    found: dict[str, list[Fault]] = {}
+    found: dict[tuple[object, ...], list[Finding]] = {}
     for fault in (fault for sample in samples for fault in sample.faults):
-        found.setdefault(fault.cause, []).append(fault)
+        found.setdefault(fault.kind, []).append(fault)
     return replace(
         nominal,
         verdict=max((one.verdict for one in every), key=VERDICTS.index),
@@ -202,12 +194,10 @@ def over_samples(nominal: Preflight, samples: Sequence[Preflight]) -> Preflight:
     )
 
 
-def _of_samples(same: Sequence[Fault], count: int) -> Fault:
-    """Return the reason that several of `count` samples have, in the words of the worst."""
+def _of_samples(same: Sequence[Finding], count: int) -> Finding:
+    """Return the reason that several of `count` samples have, with the numbers of the worst."""
     worst = max(same, key=lambda fault: math.inf if math.isnan(fault.beyond) else fault.beyond)
-    quoted = " (the worst is told)" if len(same) > 1 else ""
-    samples = "samples" if count > 1 else "sample"
-    return replace(worst, text=f"in {len(same)} of {count} {samples} of the identified model{quoted}: {worst.text}")
+    return worst.at("at.samples", count=len(same), of=count, quoted="worst" if len(same) > 1 else None)
 
 
 def required_delay_s(
@@ -228,12 +218,12 @@ def required_delay_s(
 
 def faults_of_loop(
     found: Stability, feedback: bool = False, least_delay_s: float = LEAST_DELAY_S, alone: bool = False
-) -> list[Fault]:
+) -> list[Finding]:
     """Return the reasons why a loop is not safe with any record; an empty list if it is safe. `alone` as in `judge`."""
     return _fragile(found, feedback, least_delay_s, alone) if found.radius < 1.0 else _unstable(found, alone)
 
 
-def faults_of_reach(rows: Sequence[Reach]) -> tuple[Fault, ...]:
+def faults_of_reach(rows: Sequence[Reach]) -> tuple[Finding, ...]:
     """Return a reason for each predicted peak that leaves no reserve to its limit."""
     return tuple(_beyond(row, 0.0, False) for row in rows if not row.share <= 1.0 - RESERVE)
 
@@ -248,54 +238,37 @@ def rounded_up(value: float, digits: int = 2) -> float:
     return float(Context(prec=digits, rounding=ROUND_UP).create_decimal(repr(float(value))))
 
 
-def _unstable(found: Stability, alone: bool) -> list[Fault]:
-    advice = ALONE if alone else "choose another controller, more damping, or less mass on the table"
-    text = (
-        f"the sampled closed loop is unstable: its spectral radius is {found.radius:.6f}, motions grow by a factor "
-        f"{found.growth:.3g} over the record; {advice}"
-    )
-    return [Fault("unstable", text, found.radius)]
+def _unstable(found: Stability, alone: bool) -> list[Finding]:
+    values = {"spectral_radius": found.radius, "growth": found.growth}
+    advice = ALONE if alone else ("another_controller", "more_damping", "less_mass")
+    return [Finding("loop.unstable", values, advice, beyond=found.radius)]
 
 
-def _fragile(found: Stability, feedback: bool, least_delay_s: float, alone: bool) -> list[Fault]:
+def _fragile(found: Stability, feedback: bool, least_delay_s: float, alone: bool) -> list[Finding]:
     """Return a reason for each margin (table error, feedback, delay) that is smaller than required."""
     faults = []
     if not found.apart < 1.0:  # written so that NaN counts as no margin
-        text = (
-            "the table's measured response differs so much from its model that the model's stability says nothing of "
-            "the table's; identify again"
-        )
-        faults.append(Fault("measured response", text, found.apart))
+        faults.append(Finding("loop.measured_response", {}, ("identify_again",), beyond=found.apart))
     if not found.tolerates >= found.required:
-        text = (
-            f"{_with_gain(found.gain)}the loop tolerates only {100.0 * found.tolerates:.2f} % error of the table at "
-            f"{found.at_hz:.3g} Hz, {100.0 * found.required:.2f} % is required; "
-            f"{ALONE if alone else _advice(found.at_hz, feedback, found.compared)}"
-        )
-        faults.append(Fault("table error", text, _over(found.required, found.tolerates)))
+        values = {"tolerated": found.tolerates, "required": found.required, "at_hz": found.at_hz}
+        gain = None if round(found.gain, 3) == 1.0 else found.gain
+        advice = ALONE if alone else _advice(found.at_hz, feedback, found.compared)
+        over = _over(found.required, found.tolerates)
+        faults.append(Finding("loop.table_error", {**values, "gain": gain}, advice, beyond=over))
     if not found.same_side:
-        text = (
-            "beyond the identified band masses and specimen move the table otherwise than its model does, and the loop "
-            "is unstable there; identify to a higher frequency (identification.high_hz)"
-            f"{', or use controller FF' if feedback else ''}"
-        )
-        faults.append(Fault("continued table", text, math.nan))
+        advice = ("identify_higher_hz", "use_ff") if feedback else ("identify_higher_hz",)
+        faults.append(Finding("loop.beyond_the_band", {}, advice))
     beyond = found.feedback
     if not beyond.tolerates >= beyond.required:
-        band = f"to {rounded_up(beyond.needed_hz):g} Hz" if math.isfinite(beyond.needed_hz) else "to a higher frequency"
-        text = (
-            f"the feedback by itself tolerates only {100.0 * beyond.tolerates:.3g} % error of the table at "
-            f"{beyond.at_hz:.3g} Hz, beyond the identified band, {100.0 * beyond.required:.3g} % is required; lower "
-            f"feedback_bandwidth_hz, use controller FF, or identify {band} (identification.high_hz)"
-        )
-        faults.append(Fault("feedback beyond the band", text, _over(beyond.required, beyond.tolerates)))
-    if not found.measured.delay_margin_s >= least_delay_s:
-        advice = ALONE if alone else "put less of the interface floor's mass on the table, or add damping"
-        text = (
-            f"the loop tolerates only {1e3 * found.measured.delay_margin_s:.3g} ms of further delay, "
-            f"{1e3 * least_delay_s:.3g} ms are required; {advice}"
-        )
-        faults.append(Fault("delay", text, _over(least_delay_s, found.measured.delay_margin_s)))
+        values = {"tolerated": beyond.tolerates, "required": beyond.required, "at_hz": beyond.at_hz}
+        needed_hz = rounded_up(beyond.needed_hz) if math.isfinite(beyond.needed_hz) else None
+        over = _over(beyond.required, beyond.tolerates)
+        faults.append(Finding("loop.feedback_beyond_the_band", {**values, "needed_hz": needed_hz}, beyond=over))
+    delay_s = found.measured.delay_margin_s
+    if not delay_s >= least_delay_s:
+        values = {"tolerated_s": delay_s, "required_s": least_delay_s}
+        advice = ALONE if alone else ("put_less_mass", "add_damping")
+        faults.append(Finding("loop.delay", values, advice, beyond=_over(least_delay_s, delay_s)))
     return faults
 
 
@@ -303,31 +276,21 @@ def _over(required: float, found: float) -> float:
     return required / found if found > 0.0 else math.inf
 
 
-def _with_gain(gain: float) -> str:
-    """Return the words on the worst gain of the table, "" if that is the identified gain."""
-    return "" if round(gain, 3) == 1.0 else f"with {gain:.3g} times the table's gain "
-
-
-def _advice(at_hz: float, feedback: bool, compared: ComparedBand) -> str:
+def _advice(at_hz: float, feedback: bool, compared: ComparedBand) -> tuple[str, ...]:
     """Return the advice for a loop that tolerates too small an error, among the building's modes or above them."""
     if at_hz <= compared.high_hz:
-        higher = "cut the building higher up"
-        return f"add damping to the structure{f' or {higher}' if feedback else f', {higher}, or use FF+FB'}"
-    less = "lower feedback_bandwidth_hz, use controller FF, " if feedback else ""
-    return f"put less of the interface floor's mass on the table, {less}or identify to a higher frequency"
+        return ("damp_structure_or_cut_higher",) if feedback else ("damp_structure", "cut_higher", "use_ff_fb")
+    return ("put_less_mass", *(("lower_bandwidth", "use_ff") if feedback else ()), "identify_higher")
 
 
-def _beyond(row: Reach, largest: float, last: bool) -> Fault:
+def _beyond(row: Reach, largest: float, last: bool) -> Finding:
     """Return the reason that a predicted peak is; the last one of several tells the largest safe scaling."""
-    text = (
-        f"{row.name}: {row.peak:.4g} {row.units} is predicted, the limit is {row.limit:.4g} {row.units}"
-        f"{f' ({row.key})' if row.key else ''} and a tenth of it is kept in reserve"
-    )
-    if row.because and row.fixed > RESERVE * row.limit:
-        text += f"; {row.fixed:.3g} {row.units} of it {row.because}"
+    values = {"quantity": row.name, "peak": row.peak, "limit": row.limit, "units": row.units, "key": row.key or None}
+    if row.cause and row.fixed > RESERVE * row.limit:
+        values |= {"fixed": row.fixed, "cause": row.cause}
     if last and largest > 0.0:
-        text += f"; the largest safe scaling is {rounded_down(largest):g}"
-    return Fault(row.name, text, row.share)
+        values["largest_scaling"] = rounded_down(largest)
+    return Finding("table.limit", values, row.advice if "cause" in values else (), beyond=row.share)
 
 
 def stability(
@@ -655,26 +618,28 @@ def reach_of_series(
     fastest, of_fastest = limits.fastest_m_s(gain), limits.of_fastest(gain)
     by_zeros, by_rates = _causes(strays, rounding, still_m > 2.0 * aside_m)
     return (
-        Reach(DISPLACEMENT, far_m, stroke, "m", still_m, of_stroke, by_zeros),
-        Reach("velocity", _peak(speed) + faster_m_s, fastest, "m/s", faster_m_s, of_fastest, by_rates),
-        Reach("acceleration", loudest, limits.acceleration_m_s2, "m/s^2", key="limits.acceleration_m_s2"),
-        Reach("accelerometers' range", loudest, range_m_s2, "m/s^2", key="of sensor or converter"),
-        Reach("actuator force", _peak(force), limits.force_n, "N", key="limits.force_n"),
+        Reach("displacement_m", far_m, stroke, "m", still_m, of_stroke, *by_zeros),
+        Reach("velocity_m_s", _peak(speed) + faster_m_s, fastest, "m/s", faster_m_s, of_fastest, *by_rates),
+        Reach("acceleration_m_s2", loudest, limits.acceleration_m_s2, "m/s^2", key="limits.acceleration_m_s2"),
+        Reach("sensor_m_s2", loudest, range_m_s2, "m/s^2", key="of sensor or converter"),
+        Reach("force_n", _peak(force), limits.force_n, "N", key="limits.force_n"),
         Reach(
-            "command", _peak(command_v) + strays.aside_v, converters.range_v, "V", strays.aside_v, "converters.range_v",
-            _causes(strays, rounding)[0],
+            "command_v", _peak(command_v) + strays.aside_v, converters.range_v, "V", strays.aside_v,
+            "converters.range_v", *_causes(strays, rounding)[0],
         ),
     )  # fmt: skip
 
 
-def _causes(strays: Strays, rounding_v_s: float, braked: bool = False) -> tuple[str, str]:
+Cause = tuple[str, tuple[str, ...]]
+
+
+def _causes(strays: Strays, rounding_v_s: float, braked: bool = False) -> tuple[Cause, Cause]:
     """Return the causes, with advice, of what is added to displacement or command, and to the velocity. `braked`: most
     of a displacement is the room to brake what noise and rounding do."""
-    bits = "use converters with more bits or a smaller range"
-    slower = ", a slower feedback, or controller FF" if strays.by_feedback and strays.rate_v_s > rounding_v_s else ""
-    fast = f"by noise and rounding of samples and command, from one sample to the next: {bits}{slower}"
-    forward = ", or controller FF" if strays.by_feedback else ""
-    return fast if braked else f"because a channel's zero is known to a part of a bit only: {bits}{forward}", fast
+    gentler = strays.by_feedback and strays.rate_v_s > rounding_v_s
+    fast = "rounding", ("finer_converters", *(("slower_feedback", "controller_ff") if gentler else ()))
+    zeros = "zeros", ("finer_converters", *(("controller_ff",) if strays.by_feedback else ()))
+    return fast if braked else zeros, fast
 
 
 def _from_rest(known: PredictionInputs, values: ComplexArray) -> Array:
@@ -701,7 +666,7 @@ def _ringing(roots: ComplexArray, dt_s: float, first: int, end: int) -> Array:
     return np.hstack([motion.real, motion.imag])
 
 
-def unseen(known: PredictionInputs) -> tuple[Fault, ...]:
+def unseen(known: PredictionInputs) -> tuple[Finding, ...]:
     """Return a reason if more than RESERVE of the interface's peak acceleration in SIM is above the highest line."""
     if known.peaks_m_s2 is None:
         return ()
@@ -709,11 +674,8 @@ def unseen(known: PredictionInputs) -> tuple[Fault, ...]:
     missing = 1.0 - seen / float(known.peaks_m_s2[0]) if known.peaks_m_s2[0] > 0.0 else 0.0
     if missing <= RESERVE:
         return ()
-    text = (
-        f"{100.0 * missing:.0f} % of the interface floor's peak acceleration lies above {known.lines.highest_hz:g} Hz, "
-        "where the check does not look; filter the record, or soften the computed storeys that shake there"
-    )
-    return (Fault("unseen", text, missing),)
+    values = {"share": missing, "highest_hz": known.lines.highest_hz}
+    return (Finding("record.above_the_check", values, beyond=missing),)
 
 
 def _peak(series: Array) -> float:

@@ -13,22 +13,41 @@ from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import FILE, Number, json_option, no_replace_option
 from rths_cli.cli.terminal import page_width, show_page
 
+RESULTS = "results"
 KINDS = ("cases", "structures", "rigs", "records", "references")
 
 SCHEMA_KINDS = ("case", "structure", "rig", "reference", "study")
 
 
 @cli.command("list")
-@click.argument("kind", type=click.Choice(KINDS), metavar="KIND")
+@click.argument("kind", type=click.Choice((*KINDS, RESULTS)), metavar="KIND")
+@click.argument("folder", required=False, type=FILE, metavar="[FOLDER]")
 @json_option
-def list_kind(kind: str, as_json: bool) -> int:
-    """List what a case may name and `rths run` takes here: your own files first, with their paths, then shipped ones.
+def list_kind(kind: str, folder: Path | None, as_json: bool) -> int:
+    """List what a case may name and `rths run` takes here: your own files first, with their paths, then shipped ones;
+    or the results of a folder (default: results), the newest first.
 
-    KIND: cases, structures, rigs, records or references.
+    KIND: cases, structures, rigs, records, references or results.
 
     Example: rths list structures
     """
+    if kind == RESULTS:
+        return _show_results(folder or Path(RESULTS), as_json)
+    if folder is not None:
+        raise click.UsageError(f"{kind} are looked up in the present folder; leave {folder} out, or go there.")
     return show_list(kind, as_json)
+
+
+def _show_results(folder: Path, as_json: bool) -> int:
+    from rths_cli.report.result_list import as_data, as_document, list_results
+    from rths_cli.report.to_text import text
+
+    found = list_results(folder)
+    if as_json:
+        click.echo(json.dumps({RESULTS: as_data(found)}, indent=2))
+    else:
+        show_page(lambda: text(as_document(found, folder)))
+    return 0
 
 
 def show_list(kind: str, as_json: bool) -> int:

@@ -157,7 +157,7 @@ def _show_identified(made: Any, as_json: bool) -> None:
         write_figure(found, made.about, made.figure)
     if as_json:
         document = as_document(found, made.about) if found is not None else None
-        document = document or rejected_document(unfit.channels, unfit.faults, made.about)
+        document = document or rejected_document(unfit.channels, unfit.findings, made.about)
         click.echo(json.dumps(document, indent=2))
     elif found is not None:
         show_page(lambda: page(found, made.about))

@@ -12,6 +12,7 @@ from rths_cli.experiment.check import ASSUMPTIONS, range_assumption
 from rths_cli.experiment.design import is_driven
 from rths_cli.experiment.setup import placed
 from rths_cli.experiment.unit_plausibility import doubts_building, unit_doubts, unknown_consents
+from rths_cli.findings import Finding, sentences
 from rths_cli.identification.results import LEAST_HELD_OUT
 from rths_cli.structure import modes
 
@@ -37,7 +38,8 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
     if doubts_building(setup):  # what a wrong unit makes of bands and model tells nobody what to change
         return tuple(dict.fromkeys((*doubts, *baseline, *([unread] if unread else []), *setup.building.notes)))
     found = [*doubts, *unknown_consents(setup), *baseline]
-    found += [*identified.reasons, *differences(setup, identified)] if identified is not None else []
+    if identified is not None:
+        found += [*identified.reasons, *sentences(differences(setup, identified))]
     found += [
         *([unread] if unread else []),
         *setup.building.notes,
@@ -198,20 +200,25 @@ def reaction_not_countered(design: Design) -> list[str]:
     return [f"controller.reaction_feedforward: automatic leaves it off: {design.reaction_left}"]
 
 
-def differences(setup: Setup, identified: Identification) -> list[str]:
-    """Return a sentence for each frequency and damping ratio of the specimen far from the declared value."""
+def differences(setup: Setup, identified: Identification) -> list[Finding]:
+    """Return a warning for each frequency and damping ratio of the specimen far from the declared value."""
     if identified.specimen is None:
         return []
     declared = setup.building.specimen
     frequency, damping = modes(np.diag(declared.masses_kg), declared.C, declared.K)
     pairs = (
-        ("natural frequency", frequency, identified.specimen.natural_frequency_hz, " Hz", FREQUENCY_SHARE),
-        ("damping ratio", damping, identified.specimen.damping_ratio, "", DAMPING_SHARE),
+        ("natural_frequency", frequency, identified.specimen.natural_frequency_hz, "Hz", FREQUENCY_SHARE),
+        ("damping_ratio", damping, identified.specimen.damping_ratio, None, DAMPING_SHARE),
     )
     return [
-        f"specimen, mode {mode + 1}: identified {name} {found[mode]:.4g}{unit} differs from the declared "
-        f"{abs(stated[mode]):.4g}{unit} by more than {100.0 * share:.0f} %; SIM uses the declared one"
-        for name, stated, found, unit, share in pairs
+        Finding(
+            "specimen.not_as_declared",
+            {
+                "mode": mode + 1, "quantity": name, "identified": found[mode], "declared": abs(stated[mode]),
+                "units": units, "share": share,
+            },
+        )
+        for name, stated, found, units, share in pairs
         for mode in range(len(stated))
         if abs(found[mode] - stated[mode]) > share * abs(stated[mode]) + NEGLIGIBLE
-    ]
+    ]  # fmt: skip

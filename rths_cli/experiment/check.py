@@ -41,7 +41,7 @@ from rths_cli.analysis.predicted_error import (
     white_noise_m_s2,
 )
 from rths_cli.analysis.references import reference_of
-from rths_cli.analysis.stability_check import Fault, Reach, Strays, reach_of_series
+from rths_cli.analysis.stability_check import Reach, Strays, reach_of_series
 from rths_cli.analysis.true_error import OwnError, best_remedy, sensitivities, true_error
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.numerical_substructure import interface
@@ -54,6 +54,7 @@ from rths_cli.experiment.real_rig_readiness import guard_limits
 from rths_cli.experiment.run_metrics import lowest_reliable_hz
 from rths_cli.experiment.run_signals import on_record_clock, whole_building
 from rths_cli.experiment.setup import motion_key
+from rths_cli.findings import Finding
 from rths_cli.loop.guard import without_limits
 from rths_cli.loop.identified_rig_run import Disturbed, on_perfect_table, perfect_table, play_identified, seen_by_model
 from rths_cli.numerics.content_key import content_key
@@ -96,7 +97,6 @@ REACTION_ASSUMPTIONS = (
     "test is not simulated"
 )
 REACTION_RANGE = 0.5, 1.0  # judged with a feedforward of the reaction if the case states no specimen_range
-TANGENT = "tangent "  # begins the cause of each reason
 
 MOST_ERROR = 0.5  # times SIM's RMS: a storey that is farther off does not do the test
 SEED = 19  # of the simulated noise
@@ -114,7 +114,7 @@ class TangentVerdict:
     name: str  # in words
     stability: preflight.Stability
     critical: CriticalDelay
-    faults: tuple[preflight.Fault, ...]  # why it is not safe
+    faults: tuple[Finding, ...]  # why it is not safe
 
 
 def range_assumption(case: Case, counters_reaction: bool) -> str:
@@ -145,18 +145,17 @@ def tangent_verdicts(
     return tuple(_verdict(setup, identified, blocks, one, shared) for one in frozen)
 
 
-def faults_at_tangents(verdicts: tuple[TangentVerdict, ...]) -> tuple[preflight.Fault, ...]:
+def faults_at_tangents(verdicts: tuple[TangentVerdict, ...]) -> tuple[Finding, ...]:
     """Return why loops at tangents are not safe: each cause once, with the tangent at which it is worst."""
-    found: dict[str, list[tuple[str, preflight.Fault]]] = {}
+    found: dict[tuple[object, ...], list[tuple[str, Finding]]] = {}
     for one in verdicts:
         if one.name != AT_REST:
             for fault in one.faults:
-                found.setdefault(fault.cause, []).append((one.name, fault))
+                found.setdefault(fault.kind, []).append((one.name, fault))
     told = []
-    for cause, same in found.items():
+    for same in found.values():
         name, worst = max(same, key=lambda each: each[1].beyond)
-        more = f" (and {len(same) - 1} more)" if len(same) > 1 else ""
-        told.append(preflight.Fault(TANGENT + cause, f"with {name}{more}: {worst.text}", worst.beyond))
+        told.append(worst.at("at.tangent", tangent=name, more=len(same) - 1 or None))
     return tuple(told)
 
 
@@ -204,7 +203,7 @@ def _verdict(
 class Simulated:
     """The simulated test of a building with laws; empty values where the guard stopped it."""
 
-    faults: tuple[Fault, ...]  # why it is not safe, beside its reach
+    faults: tuple[Finding, ...]  # why it is not safe, beside its reach
     reach: tuple[Reach, ...]  # peaks of the test without noise
     causes: dict[str, Errors] = field(default_factory=dict)  # RMS errors by cause, as in a Prediction
     total: Errors | None = None
@@ -399,25 +398,19 @@ def _sizes(setup: Setup) -> Array:
     return np.array([channel.sensitivity_v_per_unit for channel in setup.rig.channels])
 
 
-def _stopped(outcome: Outcome) -> Fault:
-    text = (
-        f"the test simulated on the identified rig does not reach its end: at {outcome.stopped_at_s:.3f} s "
-        f"{outcome.stopped_by_limit}"
-    )
-    return Fault("simulated test", text, np.nan)
+def _stopped(outcome: Outcome) -> Finding:
+    return Finding("loop.simulated_stop", {"at_s": outcome.stopped_at_s, "stopped_by": outcome.stopped_by_limit})
 
 
-def _far_off(errors: Array, sizes: Array) -> list[Fault]:
+def _far_off(errors: Array, sizes: Array) -> list[Finding]:
     """Return a reason if a storey of the simulated test is far from SIM."""
     ratios = errors / np.maximum(sizes, np.finfo(float).tiny)
     worst = int(np.argmax(ratios))
     if ratios[worst] <= MOST_ERROR:
         return []
-    text = (
-        f"in the test simulated on the identified rig storey {worst + 1} is {ratios[worst]:.0%} of its own motion away "
-        f"from SIM, {MOST_ERROR:.0%} are permitted; lower scaling, or choose another controller"
-    )
-    return [Fault("simulated error", text, float(ratios[worst]))]
+    error = float(ratios[worst])
+    values = {"storey": worst + 1, "error": error, "permitted": MOST_ERROR}
+    return [Finding("loop.simulated_error", values, beyond=error)]
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ from rths_cli.analysis.closed_loop import (
 )
 from rths_cli.analysis.fourier_lines import lines_for
 from rths_cli.analysis.predicted_error import Errors, Prediction, PredictionInputs, predict
-from rths_cli.analysis.stability_check import DISPLACEMENT, SAFE, UNSAFE, UNSTABLE, VERDICTS, Fault
+from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE, VERDICTS
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment import result_contents
@@ -74,15 +74,16 @@ from rths_cli.experiment.design import (
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.one_table_run import TABLE_RUNS, drive_of
-from rths_cli.experiment.planned_motion import guard_figures, guard_sentences, planned_motion
+from rths_cli.experiment.planned_motion import guard_figures, guard_findings, planned_motion
 from rths_cli.experiment.run_metrics import lowest_reliable_hz, of_margins
 from rths_cli.experiment.session import wants_session_record
 from rths_cli.experiment.setup import make_setups, placed, refuse_unstable_steps, shown
 from rths_cli.experiment.unit_plausibility import before_error, keys_in_doubt, unit_doubts
+from rths_cli.findings import Finding, sentences, stated, without_repeats
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 from rths_cli.numerics.shared_values import SharedValues
-from rths_cli.quantities import over_samples
+from rths_cli.quantities import METRICS, over_samples
 from rths_cli.structure import Specimen
 from rths_cli.structure.tangents import with_specimen
 
@@ -103,20 +104,9 @@ if TYPE_CHECKING:
     from rths_cli.numerics.lti import Array, Block
     from rths_cli.quantities import Values
 
-# name of a Reach -> name in the paths check.peak_* and check.limit_*
-REACH = {
-    "displacement (with room to brake)": "displacement_m",
-    "velocity": "velocity_m_s",
-    "acceleration": "acceleration_m_s2",
-    "accelerometers' range": "sensor_m_s2",
-    "actuator force": "force_n",
-    "command": "command_v",
-}
-
-
 TRUE_ERROR = {"true_error": "median", "true_error_bound": "bound", "calibration_error": "calibration"}
 LARGEST = "check.largest_scaling"
-DECLARED = tuple(f"check.limit_{name}" for name in REACH.values())  # metrics that no identification changes
+DECLARED = tuple(path for path in METRICS if path.startswith("check.limit_"))  # metrics that no identification changes
 
 TRUSTING = ((1e-1, 4.0), (1e-2, 1.3), (1e-3, 0.4))  # q with r = 1, and residual_hz with the usual test band
 WORTH = 0.02  # of SIM's RMS: noise and rounding below it leave the usual filter
@@ -125,7 +115,7 @@ KNOWN_RANGE = 0.85, 1.0  # of the specimen's stiffness: a filter that trusts the
 GAIN = 0.8  # of the usual filter's error: another one must have less
 NO_BUILDING = CriticalDelay(math.inf, math.nan, 0.0)
 NO_ERRORS = Errors(np.zeros(0), 0.0)
-MOVED_BY_BASELINE = (DISPLACEMENT, "velocity", "command")  # reaches that an offset or a drift of the record makes
+MOVED_BY_BASELINE = "displacement_m", "velocity_m_s", "command_v"  # by an offset or a drift of the record
 
 
 def check_figures(judged: Judged) -> dict[str, ArrayLike]:
@@ -154,7 +144,7 @@ def table_test_figures(found: Preflight) -> dict[str, ArrayLike]:
         "delay_margin_s": loop.measured.delay_margin_s,
     }
     if loop.radius < 1.0:
-        values |= {f"peak_{REACH[row.name]}": row.peak for row in found.reach}
+        values |= {f"peak_{row.name}": row.peak for row in found.reach}
     return values
 
 
@@ -246,8 +236,8 @@ def _reach(found: Preflight) -> dict[str, ArrayLike]:
     """Return the metrics of predicted peaks and their limits."""
     values: dict[str, ArrayLike] = {}
     for row in found.reach:
-        values[f"check.peak_{REACH[row.name]}"] = row.peak
-        values[f"check.limit_{REACH[row.name]}"] = row.limit
+        values[f"check.peak_{row.name}"] = row.peak
+        values[f"check.limit_{row.name}"] = row.limit
     return values
 
 
@@ -293,16 +283,16 @@ def _countered(
         faults = [] if stated else _faults_at_ends(setup, identified, design, shared, REACTION_RANGE)
     except InputError:  # a sample of the model shows no compliance; what else it may be is raised without the reaction
         return None, NOT_SHOWN
-    reasons = (*judged.preflight.reasons, *(fault.text for fault in faults))
+    reasons = (*judged.preflight.faults, *faults)
     return (None, f"{NOT_SAFE}: {reasons[0]}") if reasons else (judged, "")
 
 
 def _faults_at_ends(
     setup: Setup, identified: Identification, design: Design, shared: SharedValues, ends: tuple[float, float]
-) -> list[Fault]:
+) -> list[Finding]:
     """Return why the loop is not safe at one of these ends of the specimen's stiffness, with every sample of the
     model."""
-    faults: list[Fault] = []
+    faults: list[Finding] = []
     for one in (identified, *identified.samples):
         told = setup.calibrated(one)
         building = with_laws(told, one, design)
@@ -398,7 +388,7 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
 
 def _table_test_faults_at_ends(
     setup: Setup, identified: Identification, blocks: Blocks, shared: SharedValues
-) -> tuple[Fault, ...]:
+) -> tuple[Finding, ...]:
     """Return why the loop is not safe at an end of the specimen's stiffness; the loop does not contain the specimen
     unless the feedforward counters its reaction."""
     if not blocks.counters_reaction:
@@ -407,9 +397,8 @@ def _table_test_faults_at_ends(
     for factor in stated_ends(setup.case, True) or REACTION_RANGE:
         if factor != 1.0:
             there = with_specimen(as_identified(setup, specimen), factor).specimen
-            for fault in loop_faults(setup, identified, blocks, shared, there, alone=True):
-                text = f"with the specimen at {100.0 * factor:.3g} % of its stiffness: {fault.text}"
-                found.append(replace(fault, cause=f"specimen {fault.cause}", text=text))
+            faults = loop_faults(setup, identified, blocks, shared, there, alone=True)
+            found += [fault.at("at.specimen", stiffness_ratio=factor) for fault in faults]
     return tuple(found)
 
 
@@ -464,20 +453,25 @@ class Verdict:
     """The verdict on EXP-RTHS, with the design that was judged."""
 
     verdict: str  # SAFE, UNSAFE or UNSTABLE; "" if the case has no hybrid test
-    reasons: tuple[str, ...]  # why it is not safe, one sentence each
+    findings: tuple[Finding, ...]  # why it is not safe
     design: Design | None  # None: no blocks can be designed
     figures: dict[str, ArrayLike]  # metrics `check.*` by path
     loop: PredictionInputs | None = None  # inputs of the error budget; None: the loop is unstable or was not judged
     replay: Callable[[], Replayed] | None = None  # the test of storeys with laws for the budget; None: it has none
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
-    said: str = ""  # a sentence on the true error; "" where nothing is uncertain
-    advice: str = ""  # a sentence on the measurement that would lower its bound; "" without one
+    bound: Finding | None = None  # of the true error; None where nothing is uncertain
+    remedy: Finding | None = None  # the measurement that would lower the bound most
     true_error: TrueError | None = None  # its distribution; None: sensors and masses are exactly as declared
     uncertain: Uncertain | None = None  # for that distribution after the run; None: the loop is unstable, not judged
     # what each run on the table needs, by its name; no entry where nothing is known of it
     planned: Mapping[str, PlannedMotion] = field(default_factory=dict)
-    of_guard: tuple[str, ...] = ()  # sentences on the guard's limits in these runs
+    of_guard: tuple[Finding, ...] = ()  # on the guard's limits in these runs
     table_test: Preflight | None = None  # the check of the shake-table test; None: there is none, or no design
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return why it is not safe, one sentence each."""
+        return sentences(self.findings)
 
     @property
     def worst(self) -> str:
@@ -485,11 +479,11 @@ class Verdict:
         told = (self.verdict, self.table_test.verdict if self.table_test else "")
         return max(told, key=("", *VERDICTS).index)
 
-    def of_run(self, run: str) -> tuple[str, tuple[str, ...]]:
+    def of_run(self, run: str) -> tuple[str, tuple[Finding, ...]]:
         """Return verdict and reasons of one table run by its name, shake_table or exp_rths."""
         if run == "shake_table" and self.table_test is not None:
-            return self.table_test.verdict, self.table_test.reasons
-        return self.verdict, self.reasons
+            return self.table_test.verdict, self.table_test.faults
+        return self.verdict, self.findings
 
     def refuses(self, run: str) -> bool:
         """Return whether a table run is not safe."""
@@ -538,13 +532,23 @@ class Checked:
 
     about: Tested
     verdict: str  # SAFE, UNSAFE or UNSTABLE: the worst of all table runs
-    reasons: tuple[str, ...]  # why it is not safe, one sentence each
-    warnings: tuple[str, ...] = ()  # further sentences, which do not change the verdict
+    refusals: tuple[Finding, ...]  # why it is not safe
+    notes: tuple[Finding, ...] = ()  # what does not change the verdict
     metrics: Values = field(default_factory=dict)  # by path
     tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
-    of_guard: tuple[str, ...] = ()  # sentences on the guard's limits
+    of_guard: tuple[Finding, ...] = ()  # on the guard's limits
     runs: tuple[tuple[str, str], ...] = ()  # label and verdict of each table run
     doubted: tuple[str, ...] = ()  # keys whose numbers seem to be in another unit; the verdict holds if they are right
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return why it is not safe, one sentence each."""
+        return sentences(self.refusals)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return what does not change the verdict, one sentence each."""
+        return sentences(self.notes)
 
     @property
     def exit_code(self) -> int:
@@ -571,11 +575,11 @@ def verdict_on(
         of_table = _without_innocent_limits(setup, of_table)
         if faults := known.faults(setup.overrides):
             worse = UNSAFE if of_table.verdict == SAFE else of_table.verdict
-            unfit = tuple(Fault("model", fault, math.nan) for fault in faults)
-            of_table = replace(of_table, verdict=worse, faults=(*unfit, *of_table.faults))
+            of_table = replace(of_table, verdict=worse, faults=(*faults, *of_table.faults))
         figures = {f"check.shake_table_{name}": value for name, value in table_test_figures(of_table).items()}
         found = replace(found, table_test=of_table, figures=found.figures | figures)
-    return replace(found, reasons=(*unit_doubts(setup), *found.reasons)) if found.reasons else found
+    doubts = map(stated, unit_doubts(setup))
+    return replace(found, findings=(*doubts, *found.findings)) if found.findings else found
 
 
 def _with_plans(setup: Setup, known: IdentifiedModel, found: Verdict) -> Verdict:
@@ -583,7 +587,7 @@ def _with_plans(setup: Setup, known: IdentifiedModel, found: Verdict) -> Verdict
     if found.design is None:
         return found
     planned: dict[str, PlannedMotion] = {}
-    said: list[str] = []
+    said: list[Finding] = []
     figures = dict(found.figures)
     for kind in TABLE_RUNS:
         if kind.name not in setup.case.runs:
@@ -592,7 +596,7 @@ def _with_plans(setup: Setup, known: IdentifiedModel, found: Verdict) -> Verdict
         if one is not None:
             planned[kind.name] = one
         figures |= guard_figures(setup, kind.name, one)
-        said += guard_sentences(setup, kind.label, one)
+        said += guard_findings(setup, kind.label, one)
     return replace(found, planned=planned, figures=figures, of_guard=tuple(said))
 
 
@@ -612,75 +616,62 @@ def _judged(
     try:
         design = design or interruptible(lambda: design_blocks(setup, known.found, shared))
     except InputError as error:
-        return Verdict(UNSAFE, faults or error.faults, None, {})
+        return Verdict(UNSAFE, faults or tuple(map(stated, error.faults)), None, {})
     designed = design
     if not hybrid:
         return Verdict("", faults, designed.without_reaction(), {})
     try:
         design, judged = interruptible(lambda: choose_design(setup, known.found, designed, shared))
     except InputError as error:
-        return Verdict(UNSAFE, faults or error.faults, designed.without_reaction(), {})
+        return Verdict(UNSAFE, faults or tuple(map(stated, error.faults)), designed.without_reaction(), {})
     found = _without_innocent_limits(setup, judged.preflight)
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
     tangents = tuple(one.name for one in judged.tangents)
-    said, advice = _on_true_error(setup, judged)
-    reasons, figures = (*faults, *found.reasons), check_figures(judged)
+    reasons, figures = (*faults, *found.faults), check_figures(judged)
     return Verdict(
-        verdict, reasons, design, figures, judged.known, judged.replay, tangents, said, advice, judged.true_error,
-        judged.uncertain,
+        verdict, reasons, design, figures, judged.known, judged.replay, tangents, *_on_true_error(setup, judged),
+        judged.true_error, judged.uncertain,
     )  # fmt: skip
 
 
 def _without_innocent_limits(setup: Setup, found: Preflight) -> Preflight:
     """Return a check whose reasons tell limits that the record's baseline exceeds as what it does, and not as too small
     a table."""
-    exceeded = [fault for fault in found.faults if fault.cause in MOVED_BY_BASELINE]
+    exceeded = [fault for fault in found.faults if fault.values.get("quantity") in MOVED_BY_BASELINE]
     if not setup.baseline or not exceeded:
         return found
+    baseline = stated(placed(setup.case, setup.baseline))
     if any(fault.beyond > 1.0 + setup.baseline_share for fault in exceeded):  # without the baseline, too
-        return replace(found, faults=(Fault("baseline", placed(setup.case, setup.baseline), math.nan), *found.faults))
-    names = " and ".join(dict.fromkeys(fault.cause for fault in exceeded))
-    told = f"with this baseline the record exceeds the limit of {names}; check again without it"
-    moved = (Fault("baseline", text, math.nan) for text in (placed(setup.case, setup.baseline), told))
-    others = (fault for fault in found.faults if fault.cause not in MOVED_BY_BASELINE)
-    return replace(found, faults=(*moved, *others))
+        return replace(found, faults=(baseline, *found.faults))
+    quantities = tuple(dict.fromkeys(str(fault.values["quantity"]) for fault in exceeded))
+    moved = Finding("record.beyond_by_baseline", {"quantities": quantities})
+    return replace(found, faults=(baseline, moved, *(fault for fault in found.faults if fault not in exceeded)))
 
 
-def _on_true_error(setup: Setup, judged: Judged) -> tuple[str, str]:
-    """Return a sentence on the true error at the worst storey, and one on the measurement that would lower its bound
-    most, "" where there is none.
+def _on_true_error(setup: Setup, judged: Judged) -> tuple[Finding | None, Finding | None]:
+    """Return what bounds the true error at the worst storey, and the measurement that would lower the bound most.
 
-    Errors are given in percent of SIM-DELAY's, or of SIM's where that diverges.
+    Errors are over SIM-DELAY's, or over SIM's RMS where SIM-DELAY diverges.
     """
     uncertain, remedy = judged.true_error, judged.remedy
     if uncertain is None:
-        return "", ""
-    scale, of_what = judged.sim_delay_rms_m_s2, "SIM-DELAY's error"
+        return None, None
+    scale, reference = judged.sim_delay_rms_m_s2, "sim_delay_error"
     if scale is None or not np.all(scale > 0.0):
-        scale, of_what = judged.sim_rms_m_s2, "SIM's RMS"
+        scale, reference = judged.sim_rms_m_s2, "sim_rms"
     worst = int(np.argmax(uncertain.bound / scale))
-    share = 100.0 / float(scale[worst])
-    told = (
-        f"true error: with 95 % below {share * uncertain.bound[worst]:.2g} % of {of_what} (storey {worst + 1}), below "
-        f"{share * uncertain.median[worst]:.2g} % with 50 %, {share * uncertain.calibration[worst]:.2g} % by sensors "
-        "and masses as far as the identification did not calibrate them"
-    )
-    if uncertain.pitch is not None:
-        told += f", {share * uncertain.pitch[worst]:.2g} % by pitch of the specimen's base"
+    size, pitch = float(scale[worst]), uncertain.pitch
+    shares = {name: float(getattr(uncertain, name)[worst]) / size for name in ("bound", "median", "calibration")}
+    storey = {"reference": reference, "storey": worst + 1}
+    bound = Finding("true_error.bound", {**shares, **storey, "pitch": None if pitch is None else pitch[worst] / size})
     if remedy is None:
-        return told, ""
-    channels, error = setup.rig.channels, f"{100.0 * remedy.error:.2g}"
-    if remedy.parameter < len(channels):
-        name = channels[remedy.parameter].name
-        what, option = f"a comparison of the sensor of {name}", f"--sensitivity {name}=VALUE"
-    else:
-        name = channels[1 + remedy.parameter - 3 * len(channels)].name
-        what, option = f"weighing {name}", f"--mass {name}=KG"
-    return told, (
-        f"{what} to {error} % would lower the bound of the true error from "
-        f"{share * uncertain.bound[worst]:.2g} to {share * remedy.bound[worst]:.2g} % of {of_what} "
-        f"(storey {worst + 1}): rths calibrate {shown(setup.case.path)} {option}+-{error}% --output FILE takes it"
-    )
+        return bound, None
+    channels = setup.rig.channels
+    of_sensor = remedy.parameter < len(channels)
+    channel = channels[remedy.parameter if of_sensor else 1 + remedy.parameter - 3 * len(channels)].name
+    lowered = {"to": remedy.error, "bound": shares["bound"], "lowered": float(remedy.bound[worst]) / size}
+    code = "true_error.compare_sensor" if of_sensor else "true_error.weigh_floor"
+    return bound, Finding(code, {**storey, **lowered, "channel": channel, "case": shown(setup.case.path)})
 
 
 def check_cases(
@@ -723,22 +714,23 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     try:
         known = memory.at_rest(setup, progress)
     except (RigError, LimitError) as error:
-        doubts = unit_doubts(setup)
-        return Checked(_about(setup, "none"), UNSAFE, before_error(setup, error), doubts, doubted=keys_in_doubt(setup))
+        why = tuple(map(stated, before_error(setup, error)))
+        doubts = tuple(stated(doubt, "warns") for doubt in unit_doubts(setup))
+        return Checked(_about(setup, "none"), UNSAFE, why, doubts, doubted=keys_in_doubt(setup))
     hybrid = "exp_rths" in setup.case.runs or "shake_table" not in setup.case.runs
     found = verdict_on(setup, known, hybrid)
     figures = (
         {} if found.design is None else result_contents.design_figures(setup, known.found, found.design) | found.figures
     )
     told = () if "model" in setup.overrides else known.found.reasons
-    notes = tuple(note for note in of_case(setup, known.found, found.design) if note not in told)
-    notes = (*filter(None, (found.said, found.advice)), *notes)
+    notes = tuple(stated(note, "notes") for note in of_case(setup, known.found, found.design) if note not in told)
+    notes = (*filter(None, (found.bound, found.remedy)), *notes)
     runs = [("EXP-RTHS", found.verdict)] if hybrid else []
     excited = excitations(setup, known)
-    reasons = (*found.reasons, *(f"{label}: {fault}" for label, faults in excited for fault in faults))
+    reasons = (*found.findings, *(fault.at("at.run", run=label) for label, faults in excited for fault in faults))
     if found.table_test is not None:
-        told = tuple(reason for reason in found.table_test.reasons if reason not in reasons)
-        reasons = (*reasons, *(f"shake-table test: {reason}" for reason in told))
+        of_table = without_repeats(found.table_test.faults, reasons)
+        reasons = (*reasons, *(fault.at("at.run", run="shake-table test") for fault in of_table))
         runs.insert(0, ("shake-table test", found.table_test.verdict))
     runs = [*((label, UNSAFE if faults else SAFE) for label, faults in excited), *runs]
     worst = max((found.worst, *(verdict for _, verdict in runs)), key=("", *VERDICTS).index)
@@ -748,7 +740,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     )  # fmt: skip
 
 
-def excitations(setup: Setup, known: IdentifiedModel) -> list[tuple[str, tuple[str, ...]]]:
+def excitations(setup: Setup, known: IdentifiedModel) -> list[tuple[str, tuple[Finding, ...]]]:
     """Return label and faults of the excitations that are played before the table runs of a case; () if it is safe."""
     from rths_cli.experiment.excitation_plan import excitation_faults, excitation_settings, plan
     from rths_cli.identification.low_level_probe import probe_plan

@@ -46,17 +46,17 @@ from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
     from rths_cli.analysis.identified_rig_block import IdentifiedRig
-    from rths_cli.analysis.stability_check import Fault
     from rths_cli.case.case_schema import Case, KalmanSpec
     from rths_cli.control.interface import InterfaceForce
     from rths_cli.experiment.setup import Setup
+    from rths_cli.findings import Finding
     from rths_cli.identification.results import Identification, LevelBand
     from rths_cli.numerics.bands import ComparedBand
     from rths_cli.numerics.lti import Block, Model
     from rths_cli.rigs.description import RigInfo
     from rths_cli.structure import Specimen
 
-    Faults = Callable[[Feedback], list[Fault]]
+    Faults = Callable[[Feedback], list[Finding]]
     Make = Callable[[Weights, float], Feedback]
 
 # for the usual test band; their bands keep their ratio to another one
@@ -148,7 +148,7 @@ def loop_faults(
     shared: SharedValues | None = None,
     there: Specimen | None = None,
     alone: bool = False,
-) -> list[preflight.Fault]:
+) -> list[Finding]:
     """Return the reasons why a case's loop with these blocks is not safe with any record; empty if it is safe.
 
     `there` and `alone` as in `loop_stability`.
@@ -379,7 +379,7 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
 
     judged = _with_friction(blocks, setup, identified, model, lead)
 
-    def faults(with_it: feedback.Feedback) -> list[Fault]:
+    def faults(with_it: feedback.Feedback) -> list[Finding]:
         blocks = replace(judged, feedback=with_it.block)
         of_test = loop_faults(setup, identified, blocks, shared)
         if of_test or "shake_table" not in case.runs:

@@ -23,12 +23,13 @@ if TYPE_CHECKING:
     from rths_cli.analysis.stability_check import Reach
     from rths_cli.case.case_schema import IdentificationSpec
     from rths_cli.experiment.setup import Setup
+    from rths_cli.findings import Finding
     from rths_cli.identification.excitation import Excitation
     from rths_cli.numerics.lti import Array
 
 PERIOD_S = {"multisine": 20.0, "sweep": 40.0}  # longer where the compared band begins below the usual 0.7 Hz
 
-BY_COMMAND = "displacement (with room to brake)", "velocity", "command"
+BY_COMMAND = "displacement_m", "velocity_m_s", "command_v"
 SMOOTH = 1.2  # times the highest excited frequency, above which a command holds nothing but its rounding
 
 
@@ -58,6 +59,6 @@ def excitation_reach(setup: Setup, command_v: Array) -> tuple[Reach, ...]:
     return tuple(row for row in rows if row.name in BY_COMMAND)
 
 
-def excitation_faults(setup: Setup, command_v: Array) -> tuple[str, ...]:
-    """Return why an excitation with this command (n,) in V must not be played, one sentence each."""
-    return tuple(fault.text for fault in faults_of_reach(excitation_reach(setup, command_v)))
+def excitation_faults(setup: Setup, command_v: Array) -> tuple[Finding, ...]:
+    """Return why an excitation with this command (n,) in V must not be played."""
+    return faults_of_reach(excitation_reach(setup, command_v))

@@ -31,6 +31,7 @@ from rths_cli.experiment.unit_plausibility import specimen_doubts
 from rths_cli.files.durable_files import stamp, taken_sentence
 from rths_cli.files.foreign_models import is_foreign, read_foreign
 from rths_cli.files.measured_data import Chosen, Recording, choose, mend, missing, read_recording, write_recording
+from rths_cli.findings import Finding, stated
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.identify import identify as evaluate
 from rths_cli.identification.record_parts import Record, find_parts
@@ -95,18 +96,16 @@ def read_measured(request: DataRequest, setup: Setup) -> Measured:
         raise InputError(*faults)
     records: list[Record] = []
     lines: list[tuple[str, str]] = []
-    notes: list[str] = []
+    notes: list[Finding] = []
     for recording in recordings:
         record, chosen, said = _record(recording, request, setup)
         records.append(record)
         lines += [("data", _parts_line(record, setup.rig.dt_s)), ("channels", "; ".join(chosen.notes))]
-        notes += [f"{shown(recording.path)}: {sentence}" for sentence in said]
+        notes += [stated(f"{shown(recording.path)}: {sentence}", "notes") for sentence in said]
     files = ", ".join(f"{shown(r.path)} (SHA-256 {r.sha256[:12]})" for r in recordings)
     loud, quiet = _by_level(records)
     if quiet is None:
-        notes.append(
-            "friction: not judged, the records hold one level only; give another one at a fraction of it as well"
-        )
+        notes.append(Finding("friction.one_level"))
     return Measured(loud, quiet, files, (*lines, *_processing(request, setup)), tuple(notes))
 
 
@@ -152,7 +151,7 @@ def _record(recording: Recording, request: DataRequest, setup: Setup) -> tuple[R
     mended, notes = mend(signals, names)
     lost = missing(mended, names, recording.dt_s)
     if lost:
-        raise UnfitRecord([f"{shown(recording.path)}: {sentence}" for sentence in lost])
+        raise UnfitRecord([stated(f"{shown(recording.path)}: {sentence}") for sentence in lost])
     command, accel = mended[0], _as_volts(mended[1:], chosen, setup)
     parts = find_parts(command, setup.rig.dt_s, shown(recording.path))
     accel = accel - _rest(accel, parts.silence)[:, None]
@@ -267,10 +266,10 @@ def make_model(
         if asked.save_data:
             _save_data(asked.save_data, setup, measured, warn)
         found = noted(_evaluate(setup, measured, given, asked.data is not None), notes)
-        found = noted(found, (*doubts, *differences(setup, found)))
+        found = noted(found, (*(stated(doubt, "warns") for doubt in doubts), *differences(setup, found)))
     except (UnfitRig, UnfitRecord) as unfit:
         why, code = (unfit.unfit, unfit.exit_code) if isinstance(unfit, UnfitRig) else (unfit, 1)
-        why = UnfitRecord((*doubts, *why.faults), why.channels)
+        why = UnfitRecord((*map(stated, doubts), *why.findings), why.channels)
         none = (("model file", "none is written: no model can be made from these channels"),)
         return Made(replace(about, lines=(*about.lines, *none)), None, None, why, code)
     model, sha256 = save(outputs.model, setup, found, measured.source, measured.sha256, seen)
@@ -307,7 +306,7 @@ def _evaluate(setup: Setup, measured: Measured, given: Model | None, from_file: 
     return noted(found, measured.notes)
 
 
-def _given(setup: Setup) -> tuple[Model | None, tuple[str, ...]]:
+def _given(setup: Setup) -> tuple[Model | None, tuple[Finding, ...]]:
     """Return the model that the case names, which is judged instead of a fitted one, and notes on it; None, () if none.
 
     Raises InputError if its file cannot be used.

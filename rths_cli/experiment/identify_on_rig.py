@@ -28,6 +28,7 @@ from rths_cli.experiment.real_rig_readiness import (
     ready_on_rig,
 )
 from rths_cli.experiment.setup import Progress, Setup
+from rths_cli.findings import Finding, sentences, without_repeats
 from rths_cli.identification import excitation, low_level_probe
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.excitation import Excitation
@@ -85,14 +86,14 @@ class UnfitRig(RigError):
 class Measured:
     """The measurements of an identification: records at full level, and one at low level (None: there is none).
 
-    `source` states their origin, `lines` are further (label, text) pairs for the page, `notes` are sentences.
+    `source` states their origin, `lines` are further (label, text) pairs for the page, `notes` are for the user.
     """
 
     records: tuple[Record, ...]
     quiet: Record | None
     source: str
     lines: tuple[tuple[str, str], ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Finding, ...] = ()
 
     @property
     def sha256(self) -> str:
@@ -146,9 +147,9 @@ def evaluated(setup: Setup, measured: Measured, given: Model | None = None) -> I
     return noted(found, measured.notes)
 
 
-def noted(found: Identification, notes: Sequence[str]) -> Identification:
+def noted(found: Identification, notes: Sequence[Finding]) -> Identification:
     """Return an identification with further warnings."""
-    return replace(found, verdict=replace(found.verdict, warnings=(*notes, *found.verdict.warnings)))
+    return replace(found, verdict=replace(found.verdict, notes=(*notes, *found.verdict.notes)))
 
 
 def measure(setup: Setup, progress: Progress, planned: Excitation | None = None) -> Measured:
@@ -160,10 +161,11 @@ def measure(setup: Setup, progress: Progress, planned: Excitation | None = None)
     """
     planned = planned or plan(setup)
     low, quiet = probed(setup, progress)
-    records, notes = [], []
+    records: list[Record] = []
+    notes: list[Finding] = []
     for number in range(setup.case.identification.records):
         record, loud, level, said = _excited(setup, low, quiet, planned, number, progress)
-        notes += [note for note in said if note not in notes]
+        notes += said
         records.append(record)
     lines = _lines(setup, loud, level)
     if evaluation_settings(setup).like_noise and level_ratio(records, quiet) < LEAST_LEVELS:
@@ -171,12 +173,12 @@ def measure(setup: Setup, progress: Progress, planned: Excitation | None = None)
         lines = (*lines, ("low level", f"{low.accel_rms_m_s2:.2g} m/s^2 rms, after the excitation: {TOO_NEAR}"))
     kind = setup.case.table.kind
     source = f"excited on the {kind} table for this model"
-    return Measured(tuple(records), quiet, source, lines, tuple(notes))
+    return Measured(tuple(records), quiet, source, lines, without_repeats(notes))
 
 
 def _excited(
     setup: Setup, low: Excitation, quiet: Record, planned: Excitation, number: int, progress: Progress
-) -> tuple[Record, Excitation, Level, list[str]]:
+) -> tuple[Record, Excitation, Level, list[Finding]]:
     """Play one excitation at the level that the probe permits, and again at half of it if the table is overdriven.
 
     Returns record, plan, level and notes.
@@ -200,11 +202,8 @@ def _excited(
             grown = low_level_probe.overdriven(quiet, record, setup.rig.dt_s, setup.compared)
         if grown is None or attempt == MOST_ATTEMPTS:
             break
-        notes.append(
-            f"at {level.accel_rms_m_s2:.2g} m/s^2 rms the table no longer follows its command in proportion "
-            f"({100.0 * grown[1]:.2f} % of its power is not explained, {100.0 * grown[0]:.2f} % in the probe): an "
-            "actuator at a limit, perhaps; measured again at half the level"
-        )
+        values = {"level_m_s2": level.accel_rms_m_s2, "unexplained": grown[1], "in_probe": grown[0]}
+        notes.append(Finding("excitation.overdriven", values))
         level = level.at(0.5 * level.accel_rms_m_s2)
     return record, loud, level, notes
 
@@ -264,7 +263,7 @@ def processing(options: IdentificationSpec) -> tuple[tuple[str, str], ...]:
 
 def repeated(
     setup: Setup, command_v: Array, stream: tuple[int, ...] | None, what: str, progress: Progress
-) -> tuple[Array, Array, Array | None, str]:
+) -> tuple[Array, Array, Array | None, Finding | None]:
     """Call `excite`, and again if it was stopped because samples were lost; `what` names it.
 
     Only this excitation is repeated. Raises as `excite` does.
@@ -287,7 +286,7 @@ def _said_of(progress: Progress, what: str, now: str) -> None:
 
 def excite(
     setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None, progress: Progress = lambda _: None
-) -> tuple[Array, Array, Array | None, str]:
+) -> tuple[Array, Array, Array | None, Finding | None]:
     """Play a command (n,) in V through guard and rig; `progress` hears of the seconds of a real rig.
 
     Returns the command as sent, the corrected channels (c, n) in m/s^2, the further channels (f, n) each in its unit
@@ -298,7 +297,7 @@ def excite(
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
     where = f"identification of rig {setup.rig.name}, {RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}"
     if "check" not in setup.overrides and (faults := excitation_faults(setup, command_v)):
-        raise LimitError(f"{where} refused: {'; '.join(faults)}; {ADVICE}")
+        raise LimitError(f"{where} refused: {'; '.join(sentences(faults))}; {ADVICE}")
     outcome = play_excitation(setup, drive, stream or (IDENTIFICATION,), progress)
     advice = "" if outcome.reason in NOT_BY_MOTION else f"; {ADVICE}"
     if outcome.rig_fault:
@@ -309,7 +308,7 @@ def excite(
         )
     log = outcome.log
     lost = losses_of(log.lost, 1e-9 * log.late_ns, setup.rig.dt_s)
-    said = lost.sentence(f"{RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}") if lost.any else ""
+    said = lost.finding(RECORDS.get((stream or (IDENTIFICATION,))[0], "record")) if lost.any else None
     return log.command_v, log.corrected, log.further if setup.rig.further else None, said
 
 

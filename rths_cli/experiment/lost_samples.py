@@ -1,4 +1,4 @@
-"""Samples that a real-time run lost: how many steps, why, the longest gap; as metrics and as a sentence."""
+"""Samples that a real-time run lost: how many steps, why, the longest gap; as metrics and as a finding."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rths_cli.findings import Finding
 from rths_cli.loop.lost_samples import CAUGHT_UP, MIXED, NO_ANSWER, without_samples
 
 if TYPE_CHECKING:
@@ -19,29 +20,15 @@ if TYPE_CHECKING:
 RUNS = {"shake_table": "shake-table test", "exp_rths": "EXP-RTHS"}
 
 
-def losses_of_runs(metrics: Mapping[str, ArrayLike]) -> list[str]:
-    """Return a sentence for each table run of a result that had steps without samples."""
-    lines = []
+def losses_of_runs(metrics: Mapping[str, ArrayLike]) -> list[Finding]:
+    """Return a finding for each table run of a result that had steps without samples."""
+    found = []
     for run, label in RUNS.items():
         names = ("lost_steps", "overrun_steps", "mixed_steps", "longest_gap_s")
         lost, overrun, mixed, gap_s = (float(np.asarray(metrics.get(f"{run}.{name}", 0.0))) for name in names)
         if lost or overrun:
-            lines.append(loss_sentence(label, int(lost), int(overrun), int(mixed), gap_s))
-    return lines
-
-
-def loss_sentence(what: str, lost: int, overrun: int, mixed: int, longest_gap_s: float) -> str:
-    """Return a sentence on the steps without samples of their own, the longest such time, and the steps with a mix."""
-    host = " because this computer was late" if overrun else ""
-    after = f", in {_steps(mixed)} after that in part" if mixed else ""
-    return (
-        f"{what}: {_steps(lost)} lost samples, {_steps(overrun)} overrun{host}, "
-        f"longest gap {1e3 * longest_gap_s:.3g} ms; what was measured there is bridged{after}"
-    )
-
-
-def _steps(count: int) -> str:
-    return f"{count} step{'s' if count != 1 else ''}"
+            found.append(Losses(0, int(lost), int(overrun), int(mixed), gap_s).finding(label))
+    return found
 
 
 @dataclass(frozen=True)
@@ -59,9 +46,11 @@ class Losses:
         """Return whether any samples were missing."""
         return self.lost + self.overrun > 0
 
-    def sentence(self, what: str) -> str:
-        """Return the counts in words; `what` names the run."""
-        return loss_sentence(what, self.lost, self.overrun, self.mixed, self.longest_gap_s)
+    def finding(self, run: str) -> Finding:
+        """Return the counts as a finding; `run` names the run."""
+        counts = {"lost": self.lost, "overrun": self.overrun, "mixed": self.mixed or None}
+        values = {**counts, "late": self.overrun > 0, "longest_gap_s": self.longest_gap_s}
+        return Finding("run.lost_samples", values).at("at.run", run=run)
 
 
 def losses_of(lost: Array, late_s: Array, dt_s: float) -> Losses:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rths_cli.errors import InputError
 from rths_cli.experiment.model_files import Cache, Stored, key, load
 from rths_cli.experiment.setup import Progress, Setup, shown
+from rths_cli.findings import Finding, stated
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Model
 
@@ -29,15 +30,14 @@ class IdentifiedModel:
 
     found: Identification
     source: str  # in words
-    reasons: tuple[str, ...] = ()  # why a model that was accepted earlier must not be used now
+    reasons: tuple[Finding, ...] = ()  # why a model that was accepted earlier must not be used now
 
-    def faults(self, overrides: tuple[str, ...]) -> tuple[str, ...]:
+    def faults(self, overrides: tuple[str, ...]) -> tuple[Finding, ...]:
         """Return why the model must not drive a table; () if it may, or if --override model was given."""
-        reasons = (*(() if self.found.accepted else self.found.reasons), *self.reasons)
+        reasons = (*(() if self.found.accepted else self.found.verdict.refusals), *self.reasons)
         if not reasons or "model" in overrides:
             return ()
-        advice = "improve the identification, or add --override model"
-        return (f"identified model rejected: {'; '.join(reasons)}; {advice}",)
+        return (Finding("model.rejected", {"reasons": reasons}, ("improve_or_override",)),)
 
 
 class Memory:
@@ -154,17 +154,18 @@ class Memory:
             found = evaluated(setup, measured, as_model(file, setup))
             where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
             return IdentifiedModel(noted(found, notes_on(file)), where)
-        record, there, refused = low_level_record(setup, file.found, progress), file.found, tuple[str, ...]()
+        record, there, refused = low_level_record(setup, file.found, progress), file.found, tuple[Finding, ...]()
         if wants_session_record(setup):
             change = self._sessions[session_key(setup)] = change_shown(setup, file.found, record)
             there = with_session(setup, file.found, change)[0]
             record = read_with(setup, file.found, there, record)
             refused = () if isinstance(change, str) or not change.believed else no_drift(setup, file.found, change)
-        changes, sentence = compared(setup, there, record)
+        changes, agrees = compared(setup, there, record)
         changes = (*changes, *refused)
         where = _named(file)
-        reasons = (f"{where}: {'; '.join(changes)}",) if changes else ()
-        return IdentifiedModel(noted(file.found, reasons or (f"{where}; {sentence}",)), where, reasons)
+        reasons = (Finding("verification.changed", {"model": where, "reasons": changes}),) if changes else ()
+        verified = Finding("verification.verified", {"model": where, "comparison": agrees})
+        return IdentifiedModel(noted(file.found, reasons or (verified,)), where, reasons)
 
     def _now(self, setup: Setup, progress: Progress) -> IdentifiedModel:
         """Return the model from the cache, or identify the rig now."""
@@ -250,13 +251,10 @@ def as_model(given: ForeignModel, setup: Setup) -> Model:
     return Model(given.zeros, given.poles, given.gain, given.delay_s, band, ripple, *sampling, coupling_hz)
 
 
-def notes_on(given: ForeignModel) -> tuple[str, ...]:
+def notes_on(given: ForeignModel) -> tuple[Finding, ...]:
     """Return notes on a model identified elsewhere, also if it lacks the equal orders that method paper needs."""
     zeros, poles = len(given.zeros), len(given.poles)
+    of_file = tuple(stated(note, "notes") for note in given.notes)
     if zeros == poles:
-        return given.notes
-    return (
-        *given.notes,
-        f"{shown(given.path)}: {zeros} zeros and {poles} poles; the inverse of method paper needs as many zeros as "
-        "poles, so that method uses a model fitted to the record that judged this one",
-    )
+        return of_file
+    return (*of_file, Finding("model.unequal_orders", {"file": shown(given.path), "zeros": zeros, "poles": poles}))

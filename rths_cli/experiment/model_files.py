@@ -10,7 +10,7 @@ import platform
 import types
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -33,6 +33,7 @@ from rths_cli.experiment.setup import Setup, shown
 from rths_cli.files.durable_files import Stamp
 from rths_cli.files.hdf5 import Dataset, as_declared
 from rths_cli.files.model_file import Written, read_model, write_model
+from rths_cli.findings import as_data, from_data, stated
 from rths_cli.identification.results import (
     Band,
     Calibration,
@@ -105,7 +106,7 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
         "table/paper": _fields(found.paper),
         "fit_error/best": _fields(found.best_error),
         "fit_error/paper": _fields(found.paper_error),
-        "verdict": _fields(found.verdict),
+        "verdict": _of_verdict(found.verdict),
         "compared": _fields(found.compared),
     }
     for name, frf, floor in zip(names, found.frfs, found.noise_floors, strict=True):
@@ -154,7 +155,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         specimen=_specimen(groups.get("specimen/excitation")),
         free_vibration=_specimen(groups.get("specimen/free_vibration")),
         low_level=_specimen(groups.get("specimen/low_level")),
-        verdict=_made(Verdict, groups["verdict"]),
+        verdict=_verdict(groups["verdict"]),
         friction=_made(Friction, groups["friction"]) if "friction" in groups else None,
         latency=_made(DelayEstimate, groups["latency"]) if "latency" in groups else None,
         calibration=_made(Calibration, groups["calibration"]) if "calibration" in groups else None,
@@ -166,6 +167,23 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         nonlinear=_made(NonlinearSpecimen, groups["nonlinear_specimen"]) if "nonlinear_specimen" in groups else None,
         **tables,
     )
+
+
+def _of_verdict(verdict: Verdict) -> dict[str, Any]:
+    """Return the datasets of a verdict: its reasons and warnings as sentences, and both as JSON."""
+    every = tuple(json.dumps(as_data(one)) for one in (*verdict.refusals, *verdict.notes))
+    texts = {"reasons": verdict.reasons, "warnings": verdict.warnings, "findings": every}
+    values = _fields(replace(verdict, refusals=(), notes=()))
+    return {**values, **{name: entries for name, entries in texts.items() if entries}}
+
+
+def _verdict(values: Values) -> Verdict:
+    """Return the verdict of its datasets; the sentences of an earlier file have no code."""
+    reasons, warnings = (np.asarray(values.get(name, ())).tolist() for name in ("reasons", "warnings"))
+    stored = [from_data(json.loads(text)) for text in values.get("findings", ())]
+    every = stored or [*map(stated, reasons), *(stated(warning, "warns") for warning in warnings)]
+    refusals, notes = tuple(every[: len(reasons)]), tuple(every[len(reasons) :])
+    return replace(_made(Verdict, values), refusals=refusals, notes=notes)
 
 
 def _specimen(values: Values | None) -> SpecimenFit | None:

@@ -10,6 +10,7 @@ from rths_cli.control.sensor_correction import recorrected
 from rths_cli.experiment.identify_on_rig import probed
 from rths_cli.experiment.real_rig_readiness import VERIFICATION
 from rths_cli.experiment.setup import Progress, Setup
+from rths_cli.findings import Finding
 from rths_cli.identification import channel_signals, verdict
 from rths_cli.identification.frequency_response import over_model
 from rths_cli.identification.identify_specimen import without_staircase
@@ -38,26 +39,22 @@ def read_with(setup: Setup, known: Identification, there: Identification, record
     return Record(record.command_v, accel, record.parts, record.further)
 
 
-def compared(setup: Setup, known: Identification, record: Record) -> tuple[tuple[str, ...], str]:
+def compared(setup: Setup, known: Identification, record: Record) -> tuple[tuple[Finding, ...], Finding]:
     """Compare a low-level record, corrected for the model's sensors, with the model.
 
-    Returns the reasons why the model must not be used, and a sentence on the comparison. Because of friction the
+    Returns the reasons why the model must not be used, and a finding on the comparison. Because of friction the
     response at low level differs from that at full level. If the identification had a record at low level, the two
     records at low level are compared, and the new one is played at the level of the first.
     """
     setup = setup.calibrated(known)
     faults = channel_signals.signal_faults(record, setup.rig)
     if faults:
-        return tuple(faults), "verification: channels unusable"
+        return tuple(faults), Finding("verification.unusable")
     changes = changed_bands(known, record)
-    reasons = [_band_sentence(band, change) for band, change, allowed in changes if not change <= allowed]
+    reasons = [_changed_band(band, change) for band, change, allowed in changes if not change <= allowed]
     reasons += specimen_changes(setup, known, record)
     worst = max((change for band, change, _ in changes if band.high_hz <= known.compared.high_hz), default=0.0)
-    return (
-        tuple(reasons),
-        f"verified by a low-level record: table within {100.0 * worst:.1f} % of the model up to "
-        f"{known.compared.high_hz:g} Hz",
-    )
+    return tuple(reasons), Finding("verification.agrees", {"change": worst, "to_hz": known.compared.high_hz})
 
 
 def changed_bands(known: Identification, record: Record) -> list[tuple[LevelBand, float, float]]:
@@ -81,15 +78,12 @@ def changed_bands(known: Identification, record: Record) -> list[tuple[LevelBand
     return found
 
 
-def _band_sentence(band: LevelBand, change: float) -> str:
-    return (
-        f"the table answers {100.0 * change:.1f} % differently from the model in {band.low_hz:g}-{band.high_hz:g} Hz; "
-        "it or its specimen has changed, identify again"
-    )
+def _changed_band(band: LevelBand, change: float) -> Finding:
+    return Finding("verification.table", {"change": change, "low_hz": band.low_hz, "high_hz": band.high_hz})
 
 
-def specimen_changes(setup: Setup, known: Identification, record: Record) -> list[str]:
-    """Return a sentence for each mode of the specimen that has changed, from the record at low level if the model has
+def specimen_changes(setup: Setup, known: Identification, record: Record) -> list[Finding]:
+    """Return a finding for each mode of the specimen that has changed, from the record at low level if the model has
     one: a specimen whose springs bend and joints rub has other modes at another level."""
     before = known.low_level or known.specimen
     if before is None:
@@ -104,10 +98,8 @@ def specimen_changes(setup: Setup, known: Identification, record: Record) -> lis
         off = abs(hz - was) > FREQUENCY_SHARE * ratio_was * was + SIGMA * hz_error
         damped = abs(ratio - ratio_was) > DAMPING_SHARE * ratio_was + SIGMA * ratio_error
         if off or damped:
-            found.append(
-                f"specimen mode {mode + 1} is at {hz:.3f} Hz with {100.0 * ratio:.2f} %, the model was made with "
-                f"{was:.3f} Hz and {100.0 * ratio_was:.2f} %; it has changed, identify again"
-            )
+            values = {"mode": mode + 1, "now_hz": hz, "now_damping_ratio": ratio, "before_hz": was}
+            found.append(Finding("verification.specimen", {**values, "before_damping_ratio": ratio_was}))
     return found
 
 

@@ -22,6 +22,7 @@ from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.state_space import discretise
 from rths_cli.experiment.design import loop_parts
 from rths_cli.experiment.real_rig_readiness import guard_limits
+from rths_cli.findings import Finding
 from rths_cli.loop import guard
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.diagnosis import OF_COMMAND, OF_TABLE, Cause
@@ -166,13 +167,12 @@ def guard_figures(setup: Setup, name: str, planned: PlannedMotion | None) -> dic
     }
 
 
-def guard_sentences(setup: Setup, label: str, planned: PlannedMotion | None) -> tuple[str, ...]:
+def guard_findings(setup: Setup, label: str, planned: PlannedMotion | None) -> tuple[Finding, ...]:
     """Return what an operator must know of the guard's limits in a run: of what they are, where that is no prediction,
     and which limits of the rig file it cannot reach."""
     limits = setup.rig.limits
     if planned is None:
-        return (f"{label}: nothing is known of its motion before it moves, its guard has the limits of the rig file",)
-    said = () if planned.predicted else (f"{label}: the guard's limits are set to {planned.source}",)
+        return (Finding("guard.unplanned").at("at.run", run=label),)
     own = effective_limits(guard_limits(setup), planned)
     rows = (
         ("stroke_m", limits.stroke_m, own.reach_m, "m"),
@@ -180,11 +180,10 @@ def guard_sentences(setup: Setup, label: str, planned: PlannedMotion | None) -> 
         ("tracking_error_m_s2", limits.tracking_error_m_s2, own.tracking_error, "m/s^2"),
         ("force_n", limits.force_n, float(np.abs(own.force_weights) @ own.abort), "N"),
     )
-    idle = [f"{key} {limit:g} {unit}" for key, limit, most, unit in rows if most < limit < np.inf]
-    if not idle:
-        return said
-    listed = ", ".join(idle)
-    return (*said, f"{label}: limits of the rig file that cannot trip in it, because its own are lower: {listed}")
+    idle = tuple(f"{key} {limit:g} {unit}" for key, limit, most, unit in rows if most < limit < np.inf)
+    said = [] if planned.predicted else [Finding("guard.not_predicted", {"source": planned.source})]
+    said += [Finding("guard.idle_limits", {"limits": idle})] if idle else []
+    return tuple(one.at("at.run", run=label) for one in said)
 
 
 def farthest(limits: GuardLimits) -> float:

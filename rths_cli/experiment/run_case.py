@@ -41,6 +41,7 @@ from rths_cli.experiment.run_metrics import lowest_reliable_hz, told_causes
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup, building_key, make_setups, motion_key, shown
 from rths_cli.experiment.unit_plausibility import doubts_building, keys_in_doubt, unit_doubts
 from rths_cli.files.result_reader import BEGUN, COMPLETE, ResultWriter
+from rths_cli.findings import sentences
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.rigs.from_case import laboratory_number, true_values_of_run
@@ -205,7 +206,7 @@ def why_none(setup: Setup, known: IdentifiedModel, checked: Verdict) -> str:
     """Return why no run on the table is played, empty if they may be."""
     if checked.design is None:
         return "; ".join(checked.reasons)
-    faults = known.faults(setup.overrides)[:1]
+    faults = sentences(known.faults(setup.overrides))[:1]
     return "; ".join((*unit_doubts(setup), *faults)) if faults else ""
 
 
@@ -213,9 +214,9 @@ def why_unsafe(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> s
     """Return why a table run is not played, empty if it is safe or overridden."""
     if not checked.refuses(kind.name) or "check" in setup.overrides:
         return ""
-    verdict, reasons = checked.of_run(kind.name)
+    verdict, findings = checked.of_run(kind.name)
     doubts = unit_doubts(setup)
-    others = [reason for reason in reasons if reason not in doubts]
+    others = [reason for reason in sentences(findings) if reason not in doubts]
     if others and doubts_building(setup):  # what a wrong unit makes of the loop tells nobody what to change
         others = [f"{len(others)} more {'reasons' if len(others) > 1 else 'reason'}, which a wrong unit would explain"]
     return f"{verdict}: {'; '.join([*doubts, *others])}"
@@ -313,7 +314,7 @@ def run_case(
                 change_m = change_of_residual_drift(setup, sim, shared)
                 values |= true_reference.residual_drift_metrics(setup, sim, change_m, values)
             cautions = (*played.said, *true_reference.disagreement(values), *cautions)
-        cautions = (*losses_of_runs(values), *cautions)
+        cautions = (*sentences(losses_of_runs(values)), *cautions)
         late = (played.late.reason,) if played.late else ()
         if cautions or late:
             writer.about({"warnings": "\n".join((*late, *cautions))})
@@ -344,15 +345,16 @@ def worst_code(codes: Iterable[int]) -> int:
 def _cautions(setup: Setup, known: IdentifiedModel | None, checked: Verdict | None) -> tuple[str, ...]:
     """Return the warnings that a user should read before trusting the result."""
     said = of_case(setup, known.found if known else None, checked.design if checked else None)
-    if checked is not None and checked.advice and (not checked.refused or "check" in setup.overrides):
-        said = (checked.advice, *said)
+    if checked is not None and checked.remedy and (not checked.refused or "check" in setup.overrides):
+        said = (str(checked.remedy), *said)
     if checked is None or "check" not in setup.overrides:
         return said
     overridden = []
     for kind in TABLE_RUNS:
         if kind.name in setup.case.runs and checked.refuses(kind.name):
-            verdict, reasons = checked.of_run(kind.name)
-            overridden.append(f"the check of {kind.label} is overridden, it says {verdict}: {'; '.join(reasons)}")
+            verdict, findings = checked.of_run(kind.name)
+            told = "; ".join(sentences(findings))
+            overridden.append(f"the check of {kind.label} is overridden, it says {verdict}: {told}")
     return (*overridden, *said)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from rths_cli.experiment.model_files import key
 from rths_cli.experiment.setup import Setup
+from rths_cli.findings import Finding
 from rths_cli.identification.results import NO_LINES
 
 if TYPE_CHECKING:
@@ -46,17 +47,13 @@ def change_shown(setup: Setup, known: Identification, record: Record) -> Session
 
 def with_session(
     setup: Setup, known: Identification, change: SessionChange | str
-) -> tuple[Identification, tuple[str, ...]]:
-    """Return an identification as it stands in a session, and sentences on what has changed; as it is where the
+) -> tuple[Identification, tuple[Finding, ...]]:
+    """Return an identification as it stands in a session, and findings on what has changed; as it is where the
     records differ by more than sensors and a slightly changed specimen explain, or by what is no drift."""
     if isinstance(change, str):
         return known, not_compared(change)
     if not change.believed:
-        return known, (
-            "record of this session: table and floors move otherwise than at the identification, "
-            f"{change.unexplained:.3g} times as much as noise is left unexplained; the drift of sensors is not "
-            "corrected, identify again",
-        )
+        return known, (Finding("session.unexplained", {"ratio": change.unexplained}),)
     if refused := no_drift(setup, known, change):
         return known, refused
     from rths_cli.identification.sensor_calibration import as_stated, priors_of
@@ -64,67 +61,47 @@ def with_session(
 
     if known.calibration is None and setup.rig.calibrates:  # identified as certain: only the priors are known
         known = replace(known, calibration=as_stated(priors_of(setup.rig, setup.removes_sensors, known.best)))
-    return in_session(known, change), tuple(_sentences(setup, change))
+    return in_session(known, change), tuple(_changes(setup, change))
 
 
-def not_compared(reason: str = NO_LINES) -> tuple[str, ...]:
-    """Return the sentence that tells why a session's record is not compared with that of the identification."""
-    return (f"record of this session: not compared with that of the identification, {reason}; drift is not corrected",)
+def not_compared(reason: str = NO_LINES) -> tuple[Finding, ...]:
+    """Return why a session's record is not compared with that of the identification."""
+    return (Finding("session.not_compared", {"reason": reason}),)
 
 
-def no_drift(setup: Setup, known: Identification, change: SessionChange) -> tuple[str, ...]:
-    """Return sentences on what has changed by more than sound sensors and converters do; then nothing is taken up."""
-    dt_s, floors, told = setup.rig.dt_s, setup.rig.channels[1:], list[str]()
-    for floor, ratio, late_s in zip(floors, change.ratio, change.late_s[1:], strict=False):
-        if abs(ratio) > MOST_RATIO:
-            told.append(
-                f"record of this session: gain of {floor.name} against the table's sensor changed by "
-                f"{100.0 * ratio:+.2g} %, which is no drift: look at sensor and mount, identify again"
-            )
-        if abs(late_s) > MOST_LAG * dt_s:
-            told.append(
-                f"record of this session: lag of {floor.name} after the table's channel changed by {1e6 * late_s:+.0f} "
-                "us, more than a sample interval: look at filters and converters, identify again"
-            )
+def no_drift(setup: Setup, known: Identification, change: SessionChange) -> tuple[Finding, ...]:
+    """Return what has changed by more than sound sensors and converters do; then nothing is taken up."""
     from rths_cli.identification.sensor_calibration import ripple_prior
 
-    if abs(change.ripple_m_s2_per_v) > MOST_ALIAS * ripple_prior(known.best, dt_s):
-        told.append(
-            f"record of this session: the alias of the held command changed by {change.ripple_m_s2_per_v:+.2g} m/s^2 "
-            "per V, more than any instant of sampling explains: look at the converters, identify again"
-        )
-    return tuple(told)
+    dt_s, floors, found = setup.rig.dt_s, setup.rig.channels[1:], list[Finding]()
+    for floor, ratio, late_s in zip(floors, change.ratio, change.late_s[1:], strict=False):
+        if abs(ratio) > MOST_RATIO:
+            found.append(Finding("session.no_gain_drift", {"channel": floor.name, "change": ratio}))
+        if abs(late_s) > MOST_LAG * dt_s:
+            found.append(Finding("session.no_lag_drift", {"channel": floor.name, "late_s": late_s}))
+    ripple = change.ripple_m_s2_per_v
+    if abs(ripple) > MOST_ALIAS * ripple_prior(known.best, dt_s):
+        found.append(Finding("session.no_alias_drift", {"change_m_s2_per_v": ripple}))
+    return tuple(found)
 
 
-def _sentences(setup: Setup, change: SessionChange) -> list[str]:
-    """Return a sentence for each change that is more than the rig declares."""
-    floors, told = setup.rig.channels[1:], []
+def _changes(setup: Setup, change: SessionChange) -> list[Finding]:
+    """Return a finding for each change that is more than the rig declares."""
+    floors, found = setup.rig.channels[1:], []
     allowed = TOLD * np.sqrt(2.0) * setup.rig.uncertainty.drift
     for floor, ratio, error in zip(floors, change.ratio, change.ratio_error, strict=True):
         if abs(ratio) > allowed + TOLD * error:
-            told.append(
-                f"record of this session: {floor.name} reads {100.0 * ratio:+.3f} +- {100.0 * error:.3f} % against the "
-                "table's sensor since the identification, more than uncertainty.drift allows; it is corrected"
-            )
+            values = {"channel": floor.name, "change": ratio, "error": error}
+            found.append(Finding("session.gain", values))
     for floor, late_s, error_s in zip(floors, change.late_s[1:], change.late_error_s, strict=True):
         if abs(late_s) > TOLD * error_s > 0.0:
-            told.append(
-                f"record of this session: {floor.name} lags by {1e6 * late_s:+.1f} +- {1e6 * error_s:.1f} us against "
-                "the table's channel since the identification; it is corrected"
-            )
-    if abs(change.ripple_m_s2_per_v) > TOLD * change.ripple_error_m_s2_per_v > 0.0:
-        told.append(
-            "record of this session: converters act at other instants than at the identification, the alias of the "
-            f"held command has changed by {change.ripple_m_s2_per_v:+.3g} +- {change.ripple_error_m_s2_per_v:.2g} "
-            "m/s^2 per V; it is corrected"
-        )
+            found.append(Finding("session.lag", {"channel": floor.name, "late_s": late_s, "error_s": error_s}))
+    ripple, error = change.ripple_m_s2_per_v, change.ripple_error_m_s2_per_v
+    if abs(ripple) > TOLD * error > 0.0:
+        found.append(Finding("session.alias", {"change_m_s2_per_v": ripple, "error_m_s2_per_v": error}))
     if change.delay_s != 0.0:
-        told.append(
-            f"record of this session: the table moves {1e6 * change.delay_s:+.0f} +- {1e6 * change.delay_error_s:.1f} "
-            "us later after its command than at the identification; the feedback counters it, the check counts what "
-            "is left; identify again to have it in the feedforward"
-        )
-    return told
+        found.append(Finding("session.delay", {"late_s": change.delay_s, "error_s": change.delay_error_s}))
+    return found
 
 
 def as_stored(change: SessionChange) -> dict[str, np.ndarray | float]:

@@ -13,14 +13,16 @@ reported together.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, pairwise
 from operator import itemgetter
+from typing import Any
 
 import numpy as np
 
+from rths_cli.findings import Finding
 from rths_cli.identification import channel_signals
 from rths_cli.identification.chain_residual import Explained, Grouped, explained, grouped
 from rths_cli.identification.inputs import Evidence
@@ -165,10 +167,14 @@ DIRECTION_HZ, DIRECTION = 3.0, 0.5
 
 @dataclass(frozen=True)
 class Judgement:
-    """Faults, one sentence each, for which the channels must not be used, and warnings on usable channels."""
+    """Faults for which the channels must not be used, and warnings on usable channels."""
 
-    faults: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    faults: tuple[Finding, ...] = ()
+    warnings: tuple[Finding, ...] = ()
+
+
+def _warning(found: Finding) -> Judgement:
+    return Judgement((), (replace(found, severity="warns"),))
 
 
 def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
@@ -192,7 +198,7 @@ def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
 
 def far_gain(
     low_frequency_gain_m_per_v: float, info: RigInfo, measured: Frf, compared: ComparedBand = USUAL
-) -> tuple[str, ...]:
+) -> tuple[Finding, ...]:
     """Return the reason to reject a model whose gain is far from the data sheet's.
 
     The low-frequency gain of a model is an extrapolation below its band. Therefore the model is rejected only if the
@@ -202,10 +208,7 @@ def far_gain(
     ratios = (ratio, _measured_gain(measured, compared) / info.gain_m_per_v)
     if any(FAR_GAIN[0] <= each <= FAR_GAIN[1] for each in ratios):
         return ()
-    return (
-        f"table: moves {1e3 * abs(low_frequency_gain_m_per_v):.3g} mm/V, {ratio:.3g} times nominal.gain_m_per_v; a "
-        "unit (g for m/s^2, mV for V), the sample rate, a sensor's corner or the data sheet's gain is wrong",
-    )
+    return (Finding("table.far_gain", {"gain_m_per_v": abs(low_frequency_gain_m_per_v), "ratio": ratio}),)
 
 
 def _measured_gain(table: Frf, compared: ComparedBand) -> float:
@@ -214,7 +217,7 @@ def _measured_gain(table: Frf, compared: ComparedBand) -> float:
     return float(np.median(np.abs(table.response[low]) / (2.0 * np.pi * table.frequency_hz[low]) ** 2))
 
 
-def gain_warnings(low_frequency_gain_m_per_v: float, relative_error: float, info: RigInfo) -> tuple[str, ...]:
+def gain_warnings(low_frequency_gain_m_per_v: float, relative_error: float, info: RigInfo) -> tuple[Finding, ...]:
     """Return a warning if the model's low-frequency gain differs from the data sheet's beyond its uncertainty.
 
     `relative_error` is the relative standard uncertainty of the gain.
@@ -222,14 +225,12 @@ def gain_warnings(low_frequency_gain_m_per_v: float, relative_error: float, info
     ratio = abs(low_frequency_gain_m_per_v) / info.gain_m_per_v
     if abs(ratio - 1.0) <= GAIN_SHARE + SURE * ratio * relative_error or not FAR_GAIN[0] <= ratio <= FAR_GAIN[1]:
         return ()
-    return (
-        f"table: moves {1e3 * abs(low_frequency_gain_m_per_v):.3g} mm/V at low frequency, the data sheet says "
-        f"{1e3 * info.gain_m_per_v:.3g}; check sensitivity and unit of table and command, or nominal.gain_m_per_v",
-    )
+    values = {"gain_m_per_v": abs(low_frequency_gain_m_per_v), "declared_m_per_v": info.gain_m_per_v}
+    return (Finding("table.gain", values),)
 
 
-def _incoherent(data: Evidence, frfs: Sequence[Frf]) -> list[str]:
-    """Return a sentence for each channel that loses more coherence than its own noise and the table explain.
+def _incoherent(data: Evidence, frfs: Sequence[Frf]) -> list[Finding]:
+    """Return a fault for each channel that loses more coherence than its own noise and the table explain.
 
     A disturbance of the table (friction, for instance) also moves the floors. Vibrations longer than a segment reduce
     the coherence, too, but they satisfy the storeys' equations line by line; a loose contact does not.
@@ -242,32 +243,25 @@ def _incoherent(data: Evidence, frfs: Sequence[Frf]) -> list[str]:
     if len(lost) > 1 and explained(grouped(*lines, raw=True)).misfit.max() < TRUE_MOTION and lost[0] <= most:
         return []
     noise = [_lost_to_noise(data, index, frfs[0].frequency_hz) for index in range(len(frfs))]
-    told = f"in {compared} is below {LEAST_COHERENCE:g}"
+    seen = [
+        {"coherence": 1.0 - each, "by_noise": 1.0 - own, "least": LEAST_COHERENCE, "band": str(compared)}
+        for each, own in zip(lost, noise, strict=True)
+    ]
     if lost[0] > most and all(each > most for each in lost[1:]) and len(lost) > 1:
-        return [_disturbed("channels of table and floors", 1.0 - lost[0], 1.0 - noise[0], told)]
+        return [_disturbed(seen[0])]
     faults = []
     for index, channel in enumerate(data.info.channels):
         allowed = max(most, NOISE_MARGIN * noise[index] + (SHARED * lost[0] if index else 0.0))
         if lost[index] > allowed:
-            faults.append(
-                f"channel {channel.name}: median coherence {1.0 - lost[index]:.2f} {told}, its noise at rest and its "
-                f"bits would leave {1.0 - noise[index]:.2f}; other channels do not share it: look for a loose sensor, "
-                "cable or contact"
-                if len(lost) > 1
-                else _disturbed(f"channel {channel.name}", 1.0 - lost[index], 1.0 - noise[index], told)
-            )
+            there = {**seen[index], "channel": channel.name}
+            faults.append(Finding("channel.loose", there) if len(lost) > 1 else _disturbed(there))
     return faults
 
 
-def _disturbed(which: str, coherence: float, by_noise: float, told: str) -> str:
-    """Return the sentence for channels that all lose coherence: their noise, or another disturbance of the table."""
-    head = f"{which}: median coherence {coherence:.2f} {told}"
-    if 1.0 - coherence <= NOISE_MARGIN * (1.0 - by_noise):
-        return f"{head}; noise at rest and bits leave {by_noise:.2f}: the motion is too small for these sensors"
-    return (
-        f"{head}, noise at rest and bits would leave {by_noise:.2f}: the recorded command is not all that "
-        "moves the table; one of friction, lost samples, a clipped command, hum, a loose part"
-    )
+def _disturbed(seen: Mapping[str, Any]) -> Finding:
+    """Return the fault of channels that all lose coherence: their noise, or another disturbance of the table."""
+    by_noise = 1.0 - seen["coherence"] <= NOISE_MARGIN * (1.0 - seen["by_noise"])
+    return Finding("channels.small_motion" if by_noise else "channels.disturbed", seen)
 
 
 def _lost_to_noise(data: Evidence, index: int, frequency_hz: Array) -> float:
@@ -292,24 +286,20 @@ def _direction(table: Frf, compared: ComparedBand) -> float:
     return float(np.sum(moved.real) / np.sum(np.abs(moved)))
 
 
-def _polarity(direction: float) -> list[str]:
-    """Return a sentence if channels that agree with each other all move against the command."""
-    if direction > -DIRECTION:
-        return []
-    return ["command: every channel moves against it; its polarity is reversed (or that of all sensors)"]
+def _polarity(direction: float) -> list[Finding]:
+    """Return a fault if channels that agree with each other all move against the command."""
+    return [] if direction > -DIRECTION else [Finding("command.reversed")]
 
 
-def _does_not_follow(table: Frf, info: RigInfo, compared: ComparedBand) -> list[str]:
-    """Return a sentence if the table's response does not rise with frequency, as that of an acceleration must."""
+def _does_not_follow(table: Frf, info: RigInfo, compared: ComparedBand) -> list[Finding]:
+    """Return a fault if the table's response does not rise with frequency, as that of an acceleration must."""
     low = within(table.frequency_hz, compared.hz)
-    slope = np.polyfit(np.log(table.frequency_hz[low]), np.log(np.abs(table.response[low])), 1)[0]
+    slope = float(np.polyfit(np.log(table.frequency_hz[low]), np.log(np.abs(table.response[low])), 1)[0])
     if slope > FOLLOWS:
         return []
-    looks = "they look swapped" if slope < -FOLLOWS else "one of them is a displacement, or a velocity"
-    return [
-        f"channels command and {info.channels[0].name}: {looks}; table over command goes as f^{slope:.1f} in "
-        f"{compared}, where an acceleration over a displacement's command rises as f^2"
-    ]
+    looks = "swapped" if slope < -FOLLOWS else "no_acceleration"
+    values = {"channel": info.channels[0].name, "looks": looks, "slope": slope, "band": str(compared)}
+    return [Finding("command.not_followed", values)]
 
 
 def _all_late(found: Sequence[Suspect]) -> bool:
@@ -324,13 +314,7 @@ def _yielding(data: Evidence, found: Diagnosis) -> Judgement | None:
     low = explained(grouped((data.quiet,), data.info, data.masses_kg, data.settings.band_hz))
     if float(low.misfit.max()) > CALM * found.misfit:
         return None
-    return Judgement(
-        (),
-        (
-            "specimen: at low level a chain of storeys explains the channels, at full level it does not: its stiffness "
-            "or damping depends on its motion; identify at the level of the test",
-        ),
-    )
+    return _warning(Finding("specimen.yields"))
 
 
 def _rubbing(data: Evidence, found: Diagnosis) -> Judgement | None:
@@ -341,35 +325,23 @@ def _rubbing(data: Evidence, found: Diagnosis) -> Judgement | None:
     lines = grouped(data.records, data.info, data.masses_kg, data.settings.band_hz, joints=True)
     if float(explained(lines, errors=False).misfit.max()) > CALM * found.misfit:
         return None
-    return Judgement(
-        (),
-        (
-            "specimen: a chain of storeys explains the channels if joints stick and slide in it; the model is that of "
-            "the level of the identification: identify at the level of the test, or tighten the joints",
-        ),
-    )
+    return _warning(Finding("specimen.rubs"))
 
 
 def _unexplained(found: Diagnosis) -> Judgement:
     """Return the judgement on channels that neither a chain nor a single fault explains."""
-    said = (
-        f"floors: no chain of storeys with the given masses explains the channels (what is left is {found.misfit:.3g} "
-        "times what noise, bits and 0.3 % of unlinearity may leave), and no single fault of a channel, a mass or the "
-        "floors' order does; more than one of these, a storey that yields, or a structure that is no chain"
-    )
+    said = Finding("channels.unexplained", {"misfit": found.misfit})
     if found.misfit > UNEXPLAINED:
         return Judgement((said,))
-    return Judgement((), (said,) if found.misfit > SAID else ())
+    return _warning(said) if found.misfit > SAID else Judgement()
 
 
 def _named(found: Sequence[Suspect], info: RigInfo, direction: float) -> Judgement:
-    """Return the judgement that names the faults; several that cannot be distinguished share one sentence."""
+    """Return the judgement that names the faults; several that cannot be distinguished share one finding."""
     found = _by_command(found, direction)
-    sentences = [_sentence(each, info) for each in found]
-    said = sentences[0]
-    if len(sentences) > 1:
-        said = "one of these, between which the channels do not tell: " + "; or ".join(sentences)
-    return Judgement((said,)) if _refused(found[0], info) else Judgement((), (said,))
+    suspects = tuple(_suspected(each, info) for each in found)
+    said = suspects[0] if len(suspects) == 1 else Finding("channels.one_of", {"suspects": suspects})
+    return Judgement((said,)) if _refused(found[0], info) else _warning(said)
 
 
 def _by_command(found: Sequence[Suspect], direction: float) -> Sequence[Suspect]:
@@ -388,33 +360,24 @@ def _refused(found: Suspect, info: RigInfo) -> bool:
     return least is None or abs(found.size - 1.0) > least
 
 
-def _unit(size: float) -> str:
-    """Return in words which unit a channel may have that reads `size` times the true acceleration."""
+def _looks(size: float) -> str | None:
+    """Return the unit that the values of a channel look to have which reads `size` times the true acceleration."""
     if abs(np.log(size * G_M_S2)) < NEAR:
-        return " and the unit: it reads as if its values were in g"
-    return " and the unit: it reads as if its values were m/s^2 and not g" if abs(np.log(size / G_M_S2)) < NEAR else ""
+        return "in_g"
+    return "in_m_s2" if abs(np.log(size / G_M_S2)) < NEAR else None
 
 
-def _sentence(found: Suspect, info: RigInfo) -> str:
-    """Return the sentence on a fault: what is wrong, and what to do."""
-    names = [info.channels[index].name for index in found.channels]
-    which = f"channel {names[0]}"
-    if found.kind == SIGN:
-        return (
-            f"{which}: wrong sign, reversed it moves with the others as a chain of storeys does, as it is it does not; "
-            "turn the sensor round or reverse the channel's sign"
-        )
+def _suspected(found: Suspect, info: RigInfo) -> Finding:
+    """Return the finding of a fault."""
+    names = tuple(info.channels[index].name for index in found.channels)
+    values: dict[str, Any] = {"channel": names[0]}
     if found.kind == GAIN:
-        other = "every floor says" if found.channels == (0,) and len(info.channels) > 2 else "the other channels say"
-        return f"{which}: reads {found.size:.3f} times what {other}; check the sensitivity{_unit(found.size)}"
-    if found.kind == LATE:
-        return (
-            f"{which}: {abs(found.size):.2f} samples {'late' if found.size > 0.0 else 'early'} against the others; all "
-            "must be sampled at one instant, and their sensors have the stated corners"
-        )
-    if found.kind == SWAP:
-        return f"channels {names[0]} and {names[1]}: they look swapped, exchanged they fit a chain; check the cables"
-    if found.kind == REVERSED:
-        return f"channels {', '.join(names)}: they look to be in reverse order, in which they fit a chain"
-    assert found.kind == MASS
-    return f"mass of {names[0]}: {found.size:.3f} times the given one fits a chain, the given one does not; weigh it"
+        by = "every_floor" if found.channels == (0,) and len(info.channels) > 2 else "others"
+        values |= {"factor": found.size, "by": by, "looks": _looks(found.size)}
+    elif found.kind == LATE:
+        values |= {"late_samples": abs(found.size), "way": "late" if found.size > 0.0 else "early"}
+    elif found.kind in (SWAP, REVERSED):
+        values = {"channels": names}
+    elif found.kind == MASS:
+        values |= {"factor": found.size}
+    return Finding(f"suspect.{'order' if found.kind == REVERSED else found.kind}", values)

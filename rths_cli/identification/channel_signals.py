@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.findings import Finding, sentences
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import ChannelReport
 from rths_cli.identification.table_fit import within
@@ -73,64 +74,48 @@ HUM_WORTH_SAYING = 2e-3  # of the excited rms
 class UnfitRecord(InputError):
     """A record that must not be used for a model; `channels` holds the reports on its channels."""
 
-    def __init__(self, faults: Sequence[str], channels: tuple[ChannelReport, ...] = ()) -> None:
-        super().__init__(*faults)
+    def __init__(self, findings: Sequence[Finding], channels: tuple[ChannelReport, ...] = ()) -> None:
+        super().__init__(*sentences(findings))
+        self.findings = tuple(findings)
         self.channels = channels
 
 
-def signal_faults(record: Record, info: RigInfo) -> list[str]:
-    """Return a sentence for each channel that has missing samples, is dead, is drowned in noise, or is clipped."""
+def signal_faults(record: Record, info: RigInfo) -> list[Finding]:
+    """Return a finding for each channel that has missing samples, is dead, is drowned in noise, or is clipped."""
     faults = _lost("command", record.command_v)
     for channel, accel in zip(info.channels, record.accel_m_s2, strict=True):
         faults += _lost(channel.name, accel) or _signal_faults(channel, accel, info, record)
     return faults
 
 
-def _lost(name: str, values: Array) -> list[str]:
-    """Return a sentence when samples are missing."""
+def _lost(name: str, values: Array) -> list[Finding]:
     missing = np.flatnonzero(~np.isfinite(values))
     if not missing.size:
         return []
-    return [
-        f"channel {name}: {missing.size} of {values.size} samples ({100.0 * missing.size / values.size:.2f} %) are "
-        f"missing, the first is number {missing[0]}; a response needs them all, measure again or cut the record"
-    ]
+    count, share = missing.size, missing.size / values.size
+    told = {"channel": name, "missing": count, "samples": values.size, "share": share, "first": int(missing[0])}
+    return [Finding("channel.missing_samples", told)]
 
 
-def _signal_faults(channel: Channel, accel: Array, info: RigInfo, record: Record) -> list[str]:
+def _signal_faults(channel: Channel, accel: Array, info: RigInfo, record: Record) -> list[Finding]:
     parts = record.parts
     rms = float(accel[parts.noise].std())
     quiet = float(accel[parts.silence].std()) if parts.silence is not None else 0.0
-    least = max(DEAD_BITS * info.converters.step_v / channel.sensitivity_v_per_unit, 1e-9)
-    still = "" if channel is info.channels[0] else ", or a storey so soft that this floor hardly moves"
-    if rms < least:
-        return [
-            f"channel {channel.name}: dead, {rms:.2g} m/s^2 rms under excitation is less than a bit ({least:.2g}); "
-            f"check sensor, cable and power{still}"
-        ]
-    if rms < DEAD_OVER_SILENCE * quiet:
-        return [
-            f"channel {channel.name}: nothing but noise, {quiet:.2g} m/s^2 rms at rest and {rms:.2g} under excitation; "
-            f"check sensor and cable{still}, or take a sensor of less noise"
-        ]
-    largest = float(np.abs(accel).max())
-    if largest > NO_SENSOR * channel.range:
-        return [
-            f"channel {channel.name}: reads {largest:.4g} m/s^2, {largest / channel.range:.3g} times its sensor's "
-            f"range of {channel.range:.4g}, which no sensor shows; check the channel's unit and sensitivity"
-        ]
-    if largest > CLIPPED_SHARE * channel.range:
-        return [
-            f"channel {channel.name}: clipped, {largest:.4g} m/s^2 reaches the sensor's range of "
-            f"{channel.range:.4g}; lower identification.accel_rms_m_s2"
-        ]
     bit = info.converters.step_v / channel.sensitivity_v_per_unit
-    tops = cut_off_peaks(accel, channel, info.dt_s, quiet, bit)
-    if tops:
-        return [
-            f"channel {channel.name}: clipped, {tops} of its peaks are cut off at {largest:.4g} m/s^2; "
-            "check the range of amplifier and converter, or lower identification.accel_rms_m_s2"
-        ]
+    least, largest = max(DEAD_BITS * bit, 1e-9), float(np.abs(accel).max())
+    named = {"channel": channel.name}
+    moved = {**named, "rms_m_s2": rms, "of_floor": channel is not info.channels[0]}
+    reached = {**named, "peak_m_s2": largest, "range_m_s2": channel.range}
+    if rms < least:
+        return [Finding("channel.dead", {**moved, "bit_m_s2": least})]
+    if rms < DEAD_OVER_SILENCE * quiet:
+        return [Finding("channel.noise_alone", {**moved, "rest_m_s2": quiet})]
+    if largest > NO_SENSOR * channel.range:
+        return [Finding("channel.impossible", {**reached, "ratio": largest / channel.range})]
+    if largest > CLIPPED_SHARE * channel.range:
+        return [Finding("channel.clipped", reached)]
+    if tops := cut_off_peaks(accel, channel, info.dt_s, quiet, bit):
+        return [Finding("channel.cut_off", {**named, "peaks": tops, "peak_m_s2": largest})]
     return []
 
 
@@ -214,12 +199,13 @@ def _hum(records: Sequence[Record], index: int, dt_s: float, loud: float) -> tup
     return best
 
 
-def hum_warnings(channels: Sequence[ChannelReport]) -> tuple[str, ...]:
-    """Return a sentence for each channel with mains hum."""
+def hum_warnings(channels: Sequence[ChannelReport]) -> tuple[Finding, ...]:
+    """Return a warning for each channel with mains hum."""
     return tuple(
-        f"channel {c.name}: {c.hum_hz:g} Hz hum of {c.hum_m_s2:.2g} m/s^2 amplitude "
-        f"({100.0 * c.hum_m_s2 / c.rms_m_s2:.1f} % of "
-        "the excited rms); lines at the mains frequency carry little weight, check shielding and ground loops"
+        Finding(
+            "channel.hum",
+            {"channel": c.name, "hum_hz": c.hum_hz, "hum_m_s2": c.hum_m_s2, "share": c.hum_m_s2 / c.rms_m_s2},
+        )
         for c in channels
         if c.hum_hz > 0.0
     )

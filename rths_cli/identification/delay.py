@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.findings import Finding
 from rths_cli.identification.least_squares import linear, parts
 from rths_cli.identification.results import DelayEstimate, Friction, LevelBand
 from rths_cli.identification.specimen_fit import CLOCK, SKEW
@@ -224,8 +225,8 @@ def _misfit(found: Fit, table: Frf) -> float:
     return float(np.linalg.norm(problem.evaluated(found.parameters)[0]))
 
 
-def doubts(found: DelayEstimate | None, skew_s: float = 0.0) -> tuple[str, ...]:
-    """Return a sentence if identified and declared delay differ by more than SIGMA uncertainties and SEEN_S.
+def doubts(found: DelayEstimate | None, skew_s: float = 0.0) -> tuple[Finding, ...]:
+    """Return a warning if identified and declared delay differ by more than SIGMA uncertainties and SEEN_S.
 
     `skew_s`: declared standard uncertainty of the instants of command and samples, each.
     """
@@ -234,8 +235,5 @@ def doubts(found: DelayEstimate | None, skew_s: float = 0.0) -> tuple[str, ...]:
     late_s = found.identified_s - found.declared_s
     if abs(late_s) <= max(SIGMA * float(np.hypot(found.error_s, np.sqrt(2.0) * skew_s)), SEEN_S):
         return ()
-    return (
-        f"delay: the data show {1e3 * found.identified_s:.3f} +- {2e3 * found.error_s:.3f} ms from command to table, "
-        f"{1e3 * found.declared_s:.3f} ms are declared (latency, half a sample of hold, transport); check "
-        "converters.latency_samples and the channels' timing; a flexible deck beyond the band looks the same",
-    )
+    values = {"delay_s": found.identified_s, "within_s": 2.0 * found.error_s, "declared_s": found.declared_s}
+    return (Finding("delay.not_as_declared", values),)

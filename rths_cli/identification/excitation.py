@@ -18,6 +18,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.findings import Finding
 from rths_cli.identification.record_parts import Parts
 from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array
@@ -210,7 +211,7 @@ class Stretch:
 class Excitation:
     """A planned command (n,) in V with its parts; `accel_rms_m_s2` is its signal's nominal level below the corner.
 
-    `notes` are sentences for the user, for instance that the level was scaled down to a limit. `stretches`: the signal
+    `notes` are for the user, for instance that the level was scaled down to a limit. `stretches`: the signal
     and, where there is one, the burst.
     """
 
@@ -218,7 +219,7 @@ class Excitation:
     dt_s: float
     parts: Parts
     accel_rms_m_s2: float
-    notes: tuple[str, ...] = ()
+    notes: tuple[Finding, ...] = ()
     stretches: tuple[Stretch, ...] = ()
     compared: ComparedBand = USUAL  # of its settings
 
@@ -337,14 +338,13 @@ def periods(settings: ExcitationSettings) -> int:
     return int(settings.duration_s / settings.period_s * (1.0 + 1e-9))
 
 
-def whole_periods(settings: ExcitationSettings) -> tuple[str, ...]:
-    """Return a sentence when the duration is not a whole number of periods."""
+def whole_periods(settings: ExcitationSettings) -> tuple[Finding, ...]:
+    """Return a note when the duration is not a whole number of periods."""
     whole_s = periods(settings) * settings.period_s if settings.kind in PERIODIC else settings.duration_s
     if abs(whole_s - settings.duration_s) < 1e-6 * settings.duration_s:
         return ()
-    return (
-        f"excitation of {whole_s:g} instead of {settings.duration_s:g} s: whole periods of {settings.period_s:g} s",
-    )
+    values = {"played_s": whole_s, "wanted_s": settings.duration_s, "period_s": settings.period_s}
+    return (Finding("excitation.whole_periods", values),)
 
 
 def make_signal(info: RigInfo, settings: ExcitationSettings, random: np.random.Generator) -> Signal:
@@ -438,7 +438,7 @@ def reachable_level(
     wanted_m_s2: float,
     limits: Sequence[str] = (),
     compared: ComparedBand = USUAL,
-) -> tuple[float, tuple[str, ...]]:
+) -> tuple[float, tuple[Finding, ...]]:
     """Return the level in m/s^2 rms that the named limits (without names: all) permit, and a note if it is reduced.
 
     The level is at most `wanted_m_s2`.
@@ -447,11 +447,8 @@ def reachable_level(
     allowed = scale * accel_rms(signal.command_v, info, signal.steady, compared)
     if wanted_m_s2 <= allowed:
         return wanted_m_s2, ()
-    note = (
-        f"excitation scaled down from {wanted_m_s2:g} to {allowed:.2f} m/s^2 rms: {100.0 * SHARE:.0f} % of the "
-        f"{limit} limit"
-    )
-    return allowed, (note,)
+    values = {"wanted_m_s2": wanted_m_s2, "allowed_m_s2": allowed, "share": SHARE, "limit": limit}
+    return allowed, (Finding("excitation.scaled_down", values),)
 
 
 def rounded(command_v: Array, step_v: float) -> Array:

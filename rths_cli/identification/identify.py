@@ -9,6 +9,7 @@ import numpy as np
 
 from rths_cli.control.reaction import force_lag_s
 from rths_cli.control.sensor_correction import recorrected
+from rths_cli.findings import Finding
 from rths_cli.identification import (
     channel_responses,
     channel_signals,
@@ -51,23 +52,18 @@ from rths_cli.rigs.description import Channel, RigInfo
 
 NOISE_SHARE = 0.5  # noise at rest explains the scatter of the data if it is at least this fraction of it
 LEAST_LEVELS = 1.5  # smallest ratio of full to low level at which friction is judged
-NOT_COMPARABLE = "friction: not judged; that takes noise or a multisine, and a low-level record at 2/3 of it or less"
-UNSETTLED = (
-    "calibration: the fit of sensors and masses has not settled, so that gains and masses are less certain than "
-    "stated; weigh the floors and compare the sensors"
-)
 UNLIKELY = 1e-3  # chance of sensors and masses that are as declared, from which the declaration is doubted
 
 
 @dataclass(frozen=True)
 class _Specimen:
-    """The identified specimen, with the sentences for the verdict."""
+    """The identified specimen, with the findings for the verdict."""
 
     excited: SpecimenFit | None  # from the excitation; None without floors
     free: SpecimenFit | None  # from the free vibration; None if it cannot be used
-    reasons: tuple[str, ...]  # why the channels are rejected
-    free_vibration_warnings: tuple[str, ...]  # warnings on a free vibration that is too short or too weak
-    channel_warnings: tuple[str, ...]  # for instance that they are slightly out of step
+    reasons: tuple[Finding, ...]  # why the channels are rejected
+    free_vibration_warnings: tuple[Finding, ...]  # warnings on a free vibration that is too short or too weak
+    channel_warnings: tuple[Finding, ...]  # for instance that they are slightly out of step
 
 
 @dataclass(frozen=True)
@@ -81,7 +77,7 @@ class _Table:
     levels: tuple[LevelBand, ...]  # response at low level over that at full level
     causes: LevelCauses  # why the two levels differ
     comparable: bool  # whether the levels are far enough apart to judge friction
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
 
 
 def identify(
@@ -108,43 +104,30 @@ def identify(
     found, table = _identified(data, given)
     found = replace(_at_every_level(data, found, table), calibration=calibration)
     doubts = _doubts(chain, info)
-    found = replace(found, verdict=replace(found.verdict, warnings=(*found.verdict.warnings, *doubts)))
+    found = replace(found, verdict=replace(found.verdict, notes=(*found.verdict.notes, *doubts)))
     if quiet is None or found.nonlinear is not None:
         return found  # storeys that bend or rub couple modes as pitch does
     heights = data.settings.heights_m
     return replace(found, pitch=pitch(chain, None if heights is None else np.array(heights)))
 
 
-def _doubts(chain: Fitted, info: RigInfo) -> Iterator[str]:
-    """Yield why a calibration, or what is declared of sensors and masses, is to be doubted, one sentence each."""
+def _doubts(chain: Fitted, info: RigInfo) -> Iterator[Finding]:
+    """Yield why a calibration, or what is declared of sensors and masses, is to be doubted."""
     found = chain.calibration
     if not chain.settled:
-        yield UNSETTLED
+        yield Finding("calibration.unsettled")
     if len(chain.doubted):
-        names = " and ".join(info.channels[channel].name for channel in chain.doubted)
-        yield (
-            f"calibration: the record contradicts the AC corner of channel {names}, or a sensitivity or mass that is "
-            f"declared exact is wrong; all corners are taken as declared; state sensitivity_uncertainty of the "
-            f"sensors and uncertainty.mass of the rig"
-        )
+        yield Finding("calibration.corners", {"channels": tuple(info.channels[each].name for each in chain.doubted)})
     if chain.gain_spread.chance < UNLIKELY:
         declared = np.array([channel.uncertainty for channel in info.channels])
         worst = _farthest(found.gain, declared)
-        yield (
-            f"calibration: the sensors differ more than their uncertainty explains (channel "
-            f"{info.channels[worst].name} by {100.0 * (found.gain[worst] - 1.0):+.2g} % from what is declared, "
-            f"sensitivity_uncertainty is {100.0 * declared[worst]:.2g} %); compare the sensors (rths calibrate), or "
-            f"state a larger uncertainty"
-        )
+        values = {"change": found.gain[worst] - 1.0, "declared": declared[worst]}
+        yield Finding("calibration.sensors", {**values, "channel": info.channels[worst].name})
     if chain.mass_spread.chance < UNLIKELY:
         declared = np.array(info.uncertainty.of_masses(len(chain.masses_kg)))
         worst = _farthest(found.mass, declared)
-        yield (
-            f"calibration: the masses differ from what is stated by more than their uncertainty explains (floor "
-            f"{worst + 1} of the specimen by {100.0 * (found.mass[worst] - 1.0):+.2g} %, uncertainty.mass is "
-            f"{100.0 * declared[worst]:.2g} %); weigh the floors, with all that moves with them, or state a larger "
-            f"uncertainty"
-        )
+        values = {"change": found.mass[worst] - 1.0, "declared": declared[worst]}
+        yield Finding("calibration.masses", {**values, "floor": worst + 1})
 
 
 def _farthest(found: Array, declared: Array) -> int:
@@ -212,7 +195,7 @@ def _identified(data: Evidence, given: Model | None) -> tuple[Identification, _T
     return _identification(data, frfs, reports, table, specimen), table
 
 
-def _responses(data: Evidence) -> tuple[tuple[Frf, ...], tuple[ChannelReport, ...], tuple[str, ...]]:
+def _responses(data: Evidence) -> tuple[tuple[Frf, ...], tuple[ChannelReport, ...], tuple[Finding, ...]]:
     """Return the responses from the command to all channels, a report on each channel, and warnings.
 
     Raises UnfitRecord if the channels cannot be used.
@@ -334,28 +317,28 @@ def _roots(
     return verdict.roots_of(chosen, specimen, systematic)
 
 
-def _warnings(data: Evidence, reports: tuple[ChannelReport, ...], table: _Table, specimen: _Specimen) -> list[str]:
-    """Return the warnings of the verdict, one sentence each."""
+def _warnings(data: Evidence, reports: tuple[ChannelReport, ...], table: _Table, specimen: _Specimen) -> list[Finding]:
+    """Return the warnings of the verdict."""
     return [
         *channel_signals.hum_warnings(reports),
         *_gain(table, data),
         *specimen.free_vibration_warnings,
         *verdict.misfit(specimen.excited, reports),
-        *(() if table.comparable or data.quiet is None else (NOT_COMPARABLE,)),
+        *(() if table.comparable or data.quiet is None else (Finding("friction.not_judged"),)),
         *verdict.differences(specimen.excited, specimen.free),
         *specimen.channel_warnings,
         *table.warnings,
     ]
 
 
-def _gain(table: _Table, data: Evidence) -> tuple[str, ...]:
-    """Return a sentence if the table's gain is far from the data sheet's; a supplied model has no uncertainty."""
+def _gain(table: _Table, data: Evidence) -> tuple[Finding, ...]:
+    """Return a warning if the table's gain is far from the data sheet's; a supplied model has no uncertainty."""
     error = 0.0 if table.given else float(np.sqrt(table.fit.chosen.covariance[0, 0]))
     return channel_responses.gain_warnings(table.best.low_frequency_gain_m_per_v, error, data.info)
 
 
 def _verdict(
-    data: Evidence, table: _Table, specimen: _Specimen, dry: Friction | None, warnings: list[str],
+    data: Evidence, table: _Table, specimen: _Specimen, dry: Friction | None, warnings: list[Finding],
     roots: tuple[Root, ...],
 ) -> Verdict:  # fmt: skip
     """Return whether the model may drive the table."""

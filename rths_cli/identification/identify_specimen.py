@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rths_cli.findings import Finding
 from rths_cli.identification.chain_residual import first_values, grouped
 from rths_cli.identification.channel_signals import channel_noise
 from rths_cli.identification.inputs import Evidence
@@ -309,11 +310,11 @@ def excited(data: Evidence, model: Model, start: Start) -> SpecimenFit | None:
 
 def freely_vibrating(
     data: Evidence, model: Model, known: SpecimenFit | None
-) -> tuple[SpecimenFit | None, tuple[str, ...]]:
+) -> tuple[SpecimenFit | None, tuple[Finding, ...]]:
     """Return the specimen identified from the free vibrations, as far as they exceed the channels' noise.
 
     `known` is the specimen from the excitation. Returns None without a usable free vibration; the second value is a
-    sentence if all of them are too short.
+    warning if all of them are too short.
     """
     if known is None:
         return None, ()
@@ -324,10 +325,7 @@ def freely_vibrating(
     lasting = [motion for motion in seen if len(motion.table) >= least]
     if not lasting:
         longest_s = dt_s * max((len(motion.table) for motion in seen), default=0)
-        said = (
-            f"free vibration: not used; {longest_s:.2g} s of it stand out of the channels' noise, frequencies and "
-            f"damping ratios take {least * dt_s:.2g} s"
-        )
+        said = Finding("free_vibration.short", {"lasting_s": longest_s, "needed_s": least * dt_s})
         return None, (said,) if held else ()
     first = Start(known.stiffness_n_per_m, known.damping_ratio)
     return fit_stretches(lasting, dt_s, data.masses_kg, low_hz, first, free=True), ()
@@ -412,7 +410,9 @@ def _living(record: Record, data: Evidence, model: Model) -> Motion:
     return motion.cut(alive(motion.floors, channel_noise(record, data.info)[1:]))
 
 
-def out_of_step(data: Evidence, model: Model, found: SpecimenFit | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def out_of_step(
+    data: Evidence, model: Model, found: SpecimenFit | None
+) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
     """Return reasons to reject the channels, and warnings, if the floors are out of step with the table."""
     if found is None:
         return (), ()
@@ -420,14 +420,11 @@ def out_of_step(data: Evidence, model: Model, found: SpecimenFit | None) -> tupl
     seen = [motion.cut(slice(0, ENOUGH)) for motion in motions(data, model, free=False)]
     late, error = skew(seen, dt_s, data.masses_kg, lowest_hz(data, start), start)
     error = float(np.hypot(error, PHASE / (2.0 * np.pi * found.natural_frequency_hz[-1] * dt_s)))
-    sentence = (
-        f"channels: the floors are {abs(late):.2f} samples ({1e3 * abs(late) * dt_s:.3g} ms) "
-        f"{'late' if late > 0.0 else 'early'} against the table; all must be sampled at one instant, and their sensors "
-        "have the stated corners"
-    )
+    values = {"late_samples": abs(late), "late_s": abs(late) * dt_s, "way": "late" if late > 0.0 else "early"}
+    said = Finding("channels.skew", values)
     if abs(late) > MOST_SKEW + AGREE_SIGMA * error:
-        return (sentence,), ()
-    return (), ((sentence,) if abs(late) > SEEN_SKEW + AGREE_SIGMA * error else ())
+        return (said,), ()
+    return (), ((replace(said, severity="warns"),) if abs(late) > SEEN_SKEW + AGREE_SIGMA * error else ())
 
 
 def skew(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_hz: float, start: Start) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.findings import Finding
 from rths_cli.identification import channel_signals
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.frequency_response import Estimator
@@ -107,8 +108,9 @@ def check(records: Sequence[Record], info: RigInfo, masses: Array, compared: Com
         faults.append(f"masses_kg: {masses.tolist()} must be one positive mass for each of {wanted - 1} floors")
     if faults:
         raise InputError(*faults)
+    found: list[Finding] = []
     for number, record in enumerate(records, 1):
-        where = f"record {number}: " if len(records) > 1 else ""
-        faults += [where + fault for fault in channel_signals.signal_faults(record, info)]
-    if faults:
-        raise UnfitRecord(faults, channel_signals.reports(records, None, info, compared))
+        of_record = channel_signals.signal_faults(record, info)
+        found += [one.at("at.record", record=number) for one in of_record] if len(records) > 1 else of_record
+    if found:
+        raise UnfitRecord(found, channel_signals.reports(records, None, info, compared))

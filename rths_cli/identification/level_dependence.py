@@ -19,6 +19,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rths_cli.findings import Finding
 from rths_cli.identification.chain_residual import explained, grouped
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import LevelCauses
@@ -34,23 +35,13 @@ HIGHEST_HZ = 40.0  # of the usual compared band: end of the lines in which a cau
 CLEAR = 4.0  # least significance of a cause, in standard errors
 SHARE, ALIKE = 0.5, 0.9  # least explained fraction of the difference beyond scatter; fraction of the best cause's
 YIELDS = 0.005  # least relative change of a storey's stiffness
-MEANINGS = {
-    FRICTION: "dry friction takes a larger share of small motions",
-    DRAG: "the table's damping grows with its motion",
-    HARDENING: "the table's suspension stiffens as its motion grows",
-    SOFTENING: "the table's suspension softens as its motion grows, or friction holds small motions like a spring",
-    COMPRESSION: "the gain falls as the level grows, as of an amplifier or actuator near a limit",
-    DEAD_BAND: "the gain grows with the level, as with a dead band",
-}
 
 
-def meaning(causes: LevelCauses) -> str:
-    """Return the causes in words, "" if the data show none."""
-    said = [MEANINGS[cause] for cause in causes.table]
-    if causes.storeys:
-        which = ", ".join(str(storey) for storey in causes.storeys)
-        said.append(f"the specimen's stiffness depends on its motion (storey {which})")
-    return "; or ".join(said)
+def causes_of(causes: LevelCauses) -> tuple[Finding, ...]:
+    """Return the causes, the table's first; () if the data show none."""
+    found = [Finding(f"cause.{cause.replace(' ', '_')}") for cause in causes.table]
+    found += [Finding("cause.specimen", {"storeys": causes.storeys})] if causes.storeys else []
+    return tuple(found)
 
 
 def of_table(low: Frf, full: Frf, model: Model, compared: ComparedBand = USUAL) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.findings import Finding
 from rths_cli.identification.excitation import (
     FADE_S,
     SHARE,
@@ -56,7 +57,7 @@ class Level:
 
     accel_rms_m_s2: float
     limited_by: str  # name of the limit that lowered the level, "" if none did
-    notes: tuple[str, ...] = ()  # sentences for the user
+    notes: tuple[Finding, ...] = ()  # for the user
     reach: Mapping[str, Reach] = field(default_factory=dict)  # expected peaks at this level, with their limits
     allowed_m_s2: Mapping[str, float] = field(default_factory=dict)  # highest level of each limit that lowers it
 
@@ -112,12 +113,10 @@ def probe_plan(info: RigInfo, settings: ExcitationSettings, seed: int, most_m_s2
     return Excitation(command, dt, Parts(played, slice(0, start)), level, notes, stretches, compared)
 
 
-def _raised(level_m_s2: float, settings: ExcitationSettings) -> str:
+def _raised(level_m_s2: float, settings: ExcitationSettings) -> Finding:
     """Return the note that the probe is louder than a fifth of the level."""
-    return (
-        f"probe played at {level_m_s2:.2g} m/s^2 rms, more than {100.0 * PROBE_SHARE:.0f} % of the "
-        f"{settings.accel_rms_m_s2:g} wanted or of what the limits allow: the converters are coarse"
-    )
+    values = {"level_m_s2": level_m_s2, "share": PROBE_SHARE, "wanted_m_s2": settings.accel_rms_m_s2}
+    return Finding("excitation.louder_probe", values)
 
 
 def choose_level(
@@ -300,14 +299,12 @@ def _derivative_lines(command_v: Array, dt_s: float) -> ComplexArray:
     return np.fft.rfft(np.diff(command_v, 2, prepend=0.0, append=0.0) / dt_s**2)
 
 
-def _lowered(start_m_s2: float, bound: Bound) -> str:
-    """Return the sentence on a level that was lowered, and on the bound that decided."""
+def _lowered(start_m_s2: float, bound: Bound) -> Finding:
+    """Return the note on a level that was lowered, and on the bound that decided."""
     peak = bound.expected * start_m_s2 / bound.level_m_s2
-    return (
-        f"excitation of the identification lowered from {start_m_s2:g} to {bound.allowed_m_s2:.2f} m/s^2 rms: "
-        f"{bound.name}, {peak:.3g} {bound.unit} expected, at most {100.0 * bound.share:.0f} % of "
-        f"{bound.limit:.3g} {bound.unit} is used"
-    )
+    levels = {"wanted_m_s2": start_m_s2, "allowed_m_s2": bound.allowed_m_s2}
+    used = {"bound": bound.name, "peak": peak, "limit": bound.limit, "units": bound.unit, "share": bound.share}
+    return Finding("excitation.lowered", {**levels, **used})
 
 
 def louder(data: Evidence) -> float:

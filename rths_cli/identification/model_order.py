@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.findings import Finding
 from rths_cli.identification.frequency_response import Estimator, without_leakage
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import Candidate
@@ -213,8 +214,8 @@ def mean_square(found: Fit, frf: Frf) -> float:
     return float(np.mean(error**2 / (2.0 * scatter**2)))
 
 
-def doubtful(found: Fit) -> tuple[str, ...]:
-    """Return a sentence for each pair of roots that is not supported by the data.
+def doubtful(found: Fit) -> tuple[Finding, ...]:
+    """Return a finding for each pair of roots that is not supported by the data.
 
     Such a pair is undetermined, cancels with another one within their uncertainty, or resonates outside the measured
     band.
@@ -222,8 +223,8 @@ def doubtful(found: Fit) -> tuple[str, ...]:
     return (*_undetermined(found), *unsupported(found))
 
 
-def unsupported(found: Fit) -> tuple[str, ...]:
-    """Return a sentence for each pair of roots that cancels with another one, or resonates outside the measured
+def unsupported(found: Fit) -> tuple[Finding, ...]:
+    """Return a finding for each pair of roots that cancels with another one, or resonates outside the measured
     band."""
     return (*_cancelling(found), *_beyond_band(found))
 
@@ -233,40 +234,39 @@ def _resonates(pairs: Array, found: Fit) -> np.ndarray:
     return (pairs[:, 0] > 2.0 * np.pi * BEYOND * found.model.band_hz[1]) & (pairs[:, 1] < RESONANT)
 
 
-def _beyond_band(found: Fit) -> tuple[str, ...]:
-    """Return a sentence for each pair that resonates far above the measured band.
+def _beyond_band(found: Fit) -> tuple[Finding, ...]:
+    """Return a finding for each pair that resonates far above the measured band.
 
     Within the band such a pair changes the response by less than the check allows for unknown modes, and other roots
     could change it in the same way.
     """
     poles, _, zeros = found.layout.pairs(found.parameters)
     return tuple(
-        f"{kind} pair at {omega / (2.0 * np.pi):.3g} Hz: it resonates far above {found.model.band_hz[1]:.3g} Hz, "
-        "where nothing was measured"
+        Finding("model.far_pair", {"root": kind, "at_hz": omega / (2.0 * np.pi), "end_hz": found.model.band_hz[1]})
         for kind, pairs in (("pole", poles), ("zero", zeros))
         for omega in pairs[_resonates(pairs, found), 0]
     )
 
 
-def _undetermined(found: Fit) -> tuple[str, ...]:
-    """Return a sentence for each pair whose frequency has a standard uncertainty of half an octave or so."""
+def _undetermined(found: Fit) -> tuple[Finding, ...]:
+    """Return a finding for each pair whose frequency has a standard uncertainty of half an octave or so."""
     error = np.sqrt(np.diag(found.covariance))
     poles, single, zeros = found.layout.pairs(found.parameters)
     first_zero = 1 + 2 * found.layout.pole_pairs + len(single)
     named = [("pole", 1 + 2 * i, pair[0]) for i, pair in enumerate(poles)]
     named += [("zero", first_zero + 2 * i, pair[0]) for i, pair in enumerate(zeros)]
     return tuple(
-        f"{kind} pair at {omega / (2.0 * np.pi):.3g} Hz: not determined by the data"
+        Finding("model.undetermined_pair", {"root": kind, "at_hz": omega / (2.0 * np.pi)})
         for kind, column, omega in named
         if error[column] > UNDETERMINED
     )
 
 
-def _cancelling(found: Fit) -> tuple[str, ...]:
-    """Return a sentence for each pole pair that cancels with a zero pair within their uncertainty."""
+def _cancelling(found: Fit) -> tuple[Finding, ...]:
+    """Return a finding for each pole pair that cancels with a zero pair within their uncertainty."""
     poles, _, zeros = found.layout.pairs(found.parameters)
     first_zero = 1 + 2 * found.layout.pole_pairs + found.layout.single_poles
-    sentences = []
+    cancelling = []
     for i, pole in enumerate(poles):
         for j, zero in enumerate(zeros):
             p, z = slice(1 + 2 * i, 3 + 2 * i), slice(first_zero + 2 * j, first_zero + 2 * j + 2)
@@ -276,8 +276,8 @@ def _cancelling(found: Fit) -> tuple[str, ...]:
             spread = _block(found.covariance, p, p) + _block(found.covariance, z, z)
             spread = spread - _block(found.covariance, p, z) - _block(found.covariance, z, p)
             if float(apart @ np.linalg.pinv(spread) @ apart) < CERTAIN**2:
-                sentences.append(f"poles and zeros at {pole[0] / (2.0 * np.pi):.3g} Hz cancel within their uncertainty")
-    return tuple(sentences)
+                cancelling.append(Finding("model.cancelling_pairs", {"at_hz": pole[0] / (2.0 * np.pi)}))
+    return tuple(cancelling)
 
 
 def _block(matrix: Array, rows: slice, columns: slice) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rths_cli.findings import Finding, sentences
 from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
 from rths_cli.structure import Specimen, storey_matrix
@@ -184,9 +185,19 @@ class Verdict:
     feedforward_hz: tuple[float, float]  # band in which the model may be used; (0, 0): nowhere
     delay_s: float  # transport delay in the model
     lag_s: float  # phase lag from command to displacement at low frequency, as a time, delay included
-    reasons: tuple[str, ...]  # why the model is rejected
-    warnings: tuple[str, ...]
+    refusals: tuple[Finding, ...]  # why the model is rejected
+    notes: tuple[Finding, ...]  # what else to know
     known_hz: float = math.inf  # above, the model says nothing; infinite: the data determine all its roots
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return why the model is rejected, one sentence each."""
+        return sentences(self.refusals)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return what else to know, one sentence each."""
+        return sentences(self.notes)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from rths_cli.identification.level_dependence import FRICTION, meaning
+from rths_cli.findings import Finding, without_repeats
+from rths_cli.identification.level_dependence import FRICTION, causes_of
 from rths_cli.identification.results import (
     Band,
     Candidate,
@@ -36,14 +37,13 @@ ROOM = 1.2  # least factor by which an excitation could be louder, for the advic
 OVERDAMPED = 1.5  # damping ratio of a pair from which it is told as two real roots
 LINES_OF_ERROR = 400  # frequencies at which the uncertainty of a response is computed
 ONE_LEVEL = LevelCauses()
-GIVEN = "it is not a model of this table as it is now: check gain, sign, units and delay"
 
 
 def judge(
-    model: Model, error: FitError, frf: Frf, most: FitError, warnings: Sequence[str],
-    levels: Sequence[LevelBand] = (), level_ratio: float = math.inf, further: Sequence[str] = (), given: bool = False,
-    causes: LevelCauses = ONE_LEVEL, louder: float = 1.0, noisy: bool = True, friction: Friction | None = None,
-    compared: ComparedBand = USUAL, known_hz: float = math.inf,
+    model: Model, error: FitError, frf: Frf, most: FitError, warnings: Sequence[Finding],
+    levels: Sequence[LevelBand] = (), level_ratio: float = math.inf, further: Sequence[Finding] = (),
+    given: bool = False, causes: LevelCauses = ONE_LEVEL, louder: float = 1.0, noisy: bool = True,
+    friction: Friction | None = None, compared: ComparedBand = USUAL, known_hz: float = math.inf,
 ) -> Verdict:  # fmt: skip
     """Return the verdict on a model with a given fit error, that is the error beyond the scatter of the data.
 
@@ -60,11 +60,12 @@ def judge(
     material = bool(inside) and rms_difference(inside) > NOISY * most.rms
     if FRICTION in causes.table and error.rms > without_friction(inside, level_ratio):
         material = False  # the fit error is larger than the effect of friction at full level
-    advice = GIVEN if given else _advice(scatter, most, causes if material else ONE_LEVEL, louder, noisy)
+    shown = causes if material else ONE_LEVEL
+    cause = Finding("cause.given_model") if given else _cause(scatter, most, shown, louder, noisy)
     unsafe = _unsafe_roots(model) or _absurd_lag(model)
-    missed = _misses(error, most, advice, compared)
+    missed = _misses(error, most, cause, compared)
     # both levels are divided by the model: with a poor model their comparison is valid only if a cause's shape is found
-    valid = levels if not missed or meaning(causes) else ()
+    valid = levels if not missed or causes_of(causes) else ()
     reasons = (
         *missed,
         *unsafe,
@@ -74,58 +75,45 @@ def judge(
     reach = reach_hz(model, frf, most, compared)
     usable = (compared.low_hz, reach) if reach > compared.low_hz else (0.0, 0.0)
     if not reasons and reach < compared.high_hz:
-        reasons = (f"table model: fit only up to {reach:.3g} Hz, {compared.high_hz:g} Hz are needed; {advice}",)
+        reasons = (Finding("model.reach", {"reach_hz": reach, "needed_hz": compared.high_hz, "cause": cause}),)
     return Verdict(not reasons, usable, model.delay_s, low_frequency_lag(model), reasons, tuple(warnings), known_hz)
 
 
-def _advice(scatter: float, most: FitError, causes: LevelCauses, louder: float, noisy: bool) -> str:
-    """Return the cause of a fit error beyond its limits, as far as the data show it, and the remedy."""
-    cause = meaning(causes)
-    if cause:
-        return f"{cause}; {_remedy(causes, louder)}"
+def _cause(scatter: float, most: FitError, causes: LevelCauses, louder: float, noisy: bool) -> Finding:
+    """Return the cause of a fit error beyond its limits, as far as the data show it, with its remedy."""
+    if found := causes_of(causes):
+        return Finding("cause.level", {"causes": found, "remedy": _remedy(causes, louder)})
     if scatter > NOISY * most.rms and noisy:
-        said = (
-            f"the channels' noise makes the data scatter by {100.0 * scatter:.2f} %, excite longer "
-            "(identification.duration_s)"
-        )
-        return f"{said} or louder, the limits leave room for a factor of {louder:.2g}" if louder > ROOM else said
-    return (
-        "the data do not tell the cause; one of lost samples, a command that is clipped or not the recorded one, a "
-        "wrong latency, a loose part, more modes than were tried, friction, or another nonlinearity"
-    )
+        return Finding("cause.noise", {"scatter": scatter, "louder": louder if louder > ROOM else None})
+    return Finding("cause.unknown")
 
 
-def _remedy(causes: LevelCauses, louder: float) -> str:
+def _remedy(causes: LevelCauses, louder: float) -> Finding:
     """Return the remedy for a table or specimen that depends on the level."""
     if causes.table[:1] != (FRICTION,):
-        return "identify at the level of the test, a lower identification.accel_rms_m_s2 where that is less"
-    said = "reduce the friction"
-    return f"{said}, or excite louder: the limits leave room for a factor of {louder:.2g}" if louder > ROOM else said
+        return Finding("remedy.level")
+    return Finding("remedy.friction", {"louder": louder if louder > ROOM else None})
 
 
-def _absurd_lag(model: Model) -> tuple[str, ...]:
-    """Return a sentence if the table would respond before its command, or more than half a second late."""
+def _absurd_lag(model: Model) -> tuple[Finding, ...]:
+    """Return a reason if the table would respond before its command, or more than half a second late."""
     lag = low_frequency_lag(model)
-    if 0.0 <= lag <= MOST_LAG_S:
-        return ()
-    return (
-        f"table model: a lag of {1e3 * lag:.4g} ms at low frequency cannot be; check the sensors' high-pass corners "
-        "and the timing of the channels",
-    )
+    return () if 0.0 <= lag <= MOST_LAG_S else (Finding("model.lag", {"lag_s": lag}),)
 
 
-def _misses(error: FitError, most: FitError, advice: str, compared: ComparedBand) -> tuple[str, ...]:
-    """Return a sentence for each limit that the fit error exceeds."""
-    low, high = compared.mid_hz
+def _misses(error: FitError, most: FitError, cause: Finding, compared: ComparedBand) -> tuple[Finding, ...]:
+    """Return a reason for each limit that the fit error exceeds."""
     rows = (
-        (f"rms in {compared}", error.rms, most.rms),
-        (f"largest in {compared}", error.largest, most.largest),
-        (f"rms in {low:g}-{high:g} Hz", error.rms_mid, most.rms_mid),
+        ("rms", compared.hz, error.rms, most.rms),
+        ("largest", compared.hz, error.largest, most.largest),
+        ("rms", compared.mid_hz, error.rms_mid, most.rms_mid),
     )
     return tuple(
-        f"table model: error |fit / FRF - 1|, {name}, is {100.0 * value:.2f} % beyond the data's scatter, the limit is "
-        f"{100.0 * limit:.2f} %; {advice}"
-        for name, value, limit in rows
+        Finding(
+            "model.misfit",
+            {"quantity": name, "low_hz": low, "high_hz": high, "error": value, "limit": limit, "cause": cause},
+        )
+        for name, (low, high), value, limit in rows
         if not value <= limit
     )
 
@@ -133,8 +121,8 @@ def _misses(error: FitError, most: FitError, advice: str, compared: ComparedBand
 def _at_other_levels(
     levels: Sequence[LevelBand], level_ratio: float, most: FitError, causes: LevelCauses, louder: float,
     friction: Friction | None, compared: ComparedBand,
-) -> tuple[str, ...]:  # fmt: skip
-    """Return a sentence if the level dependence makes the model's error exceed its limits at other levels.
+) -> tuple[Finding, ...]:  # fmt: skip
+    """Return a reason if the level dependence makes the model's error exceed its limits at other levels.
 
     Friction is judged by its remaining effect at full level. If its size is identified, the limit is that of the
     largest error, because the check then predicts its effect at every level. Otherwise it is the limit of the rms
@@ -145,22 +133,15 @@ def _at_other_levels(
     clear = any(abs(band.ratio - 1.0) > CERTAIN * band.error for band in inside)
     if not inside or not clear or not level_ratio > 1.0:
         return ()
-    where = f"rms in {compared}"
+    values = {"level_ratio": level_ratio, "band": str(compared), "remedy": _remedy(causes, louder)}
     if FRICTION in causes.table:
-        share = without_friction(inside, level_ratio)
-        differs = max(abs(band.ratio - 1.0) for band in inside)
+        without, change = without_friction(inside, level_ratio), max(abs(band.ratio - 1.0) for band in inside)
         limit = most.largest if _identified(friction) else most.rms
-        return () if share <= limit else (
-            f"friction: at 1/{level_ratio:.2g} of the level the table answers up to {100.0 * differs:.1f} % "
-            f"differently; without any it would differ by {100.0 * share:.1f} % {where} from the model, the limit is "
-            f"{100.0 * limit:.0f} %; {_remedy(causes, louder)}",
-        )  # fmt: skip
-    share = rms_difference(inside)
-    cause = meaning(causes) or "no single cause explains how"
-    return () if share <= most.largest else (
-        f"level: at 1/{level_ratio:.2g} of the level the table answers {100.0 * share:.1f} % {where} differently, the "
-        f"limit is {100.0 * most.largest:.0f} %; {cause}; {_remedy(causes, louder)}",
-    )  # fmt: skip
+        found = Finding("friction.share", {**values, "change": change, "without": without, "limit": limit})
+        return () if without <= limit else (found,)
+    change, limit = rms_difference(inside), most.largest
+    found = Finding("level.change", {**values, "change": change, "limit": limit, "causes": causes_of(causes)})
+    return () if change <= limit else (found,)
 
 
 def _identified(friction: Friction | None) -> bool:
@@ -187,19 +168,15 @@ def without_friction(levels: Sequence[LevelBand], level_ratio: float) -> float:
     return SHORTFALL * rms_difference(levels) / (level_ratio - 1.0)
 
 
-def _unsafe_roots(model: Model) -> tuple[str, ...]:
-    """Return a sentence for each kind of root with which a model must not drive a table."""
-    found = []
-    if np.any(model.poles.real >= 0.0):
-        found.append("table model: poles on or right of the imaginary axis, a table that stands is stable")
-    if np.any(model.zeros[np.abs(model.zeros) > 1e-9].real >= 0.0):
-        found.append(
-            "table model: zeros right of the imaginary axis, the inverse is unstable; let an explicit delay stand for "
-            "what they describe"
-        )
-    if np.sum(np.abs(model.zeros) <= 1e-9) != 2:
-        found.append("table model: needs two zeros at the origin, because the table follows displacement")
-    return tuple(found)
+def _unsafe_roots(model: Model) -> tuple[Finding, ...]:
+    """Return a reason for each kind of root with which a model must not drive a table."""
+    origin = np.abs(model.zeros) <= 1e-9
+    unsafe = {
+        "model.unstable_poles": np.any(model.poles.real >= 0.0),
+        "model.unstable_zeros": np.any(model.zeros[~origin].real >= 0.0),
+        "model.no_displacement": np.sum(origin) != 2,
+    }
+    return tuple(Finding(code) for code, there in unsafe.items() if there)
 
 
 def reach_hz(model: Model, frf: Frf, most: FitError, compared: ComparedBand = USUAL) -> float:
@@ -332,7 +309,7 @@ def response_error(found: Fit, frequency_hz: Array) -> Array:
 
 def without_information(
     found: Fit, roots: Sequence[Root], most: FitError, compared: ComparedBand
-) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
+) -> tuple[float, tuple[Finding, ...], tuple[Finding, ...]]:
     """Return what roots that the data do not determine cost a model.
 
     That is the frequency above which the model says nothing (its response is uncertain, by two standard uncertainties,
@@ -347,26 +324,22 @@ def without_information(
     bad = np.flatnonzero(error > most.largest)
     known_hz = float(frequency[bad[0]]) if bad.size else float(frequency[-1])
     inside = float(error[frequency <= compared.high_hz].max())
-    names = " and ".join(dict.fromkeys(_named(root, found.model.band_hz) for root in unknown))
-    told = f"table model: {names} {'is' if len(unknown) == 1 else 'are'} not determined by the data"
+    names = without_repeats(_named(root, found.model.band_hz) for root in unknown)
+    values = {"roots": names, "count": len(unknown), "error": inside, "band": str(compared)}
     if inside > most.largest:
-        return known_hz, (), (
-            f"{told}, which leaves the model uncertain by {100.0 * inside:.2g} % in {compared}, the limit is "
-            f"{100.0 * most.largest:.2g} %; excite longer or louder, or over a wider band",
-        )  # fmt: skip
-    above = f"above {known_hz:.3g} Hz the model says nothing" if bad.size else "it matters at no frequency"
-    matters = f"in {compared} it matters by at most {100.0 * inside:.2g} %"
-    return known_hz if bad.size else math.inf, (f"{told}; {matters}, {above}",), ()
+        return known_hz, (), (Finding("model.unknown_roots", {**values, "limit": most.largest}),)
+    told = Finding("model.idle_roots", {**values, "known_hz": known_hz if bad.size else None})
+    return known_hz if bad.size else math.inf, (told,), ()
 
 
-def _named(root: Root, band_hz: tuple[float, float]) -> str:
-    """Return what a root is and where, in words; the number of an undetermined frequency says nothing."""
-    what = f"a real {root.kind}" if math.isnan(root.damping_ratio) else f"a {root.kind} pair"
-    if not root.frequency_known:
-        low, high = band_hz
-        at = "beyond" if root.frequency_hz > high else "below" if root.frequency_hz < low else "within"
-        return f"{what} {at} the fitted band ({low:.3g}-{high:.3g} Hz)"
-    return f"the damping of {what} at {root.frequency_hz:.3g} Hz"
+def _named(root: Root, band_hz: tuple[float, float]) -> Finding:
+    """Return what a root is and where; the number of an undetermined frequency says nothing."""
+    what = root.kind if math.isnan(root.damping_ratio) else f"{root.kind}_pair"
+    if root.frequency_known:
+        return Finding("root.damping", {"root": what, "at_hz": root.frequency_hz})
+    low, high = band_hz
+    place = "beyond" if root.frequency_hz > high else "below" if root.frequency_hz < low else "within"
+    return Finding("root.place", {"root": what, "place": place, "low_hz": low, "high_hz": high})
 
 
 def roots_given(model: Model) -> tuple[Root, ...]:
@@ -387,44 +360,32 @@ MISFIT = 0.003  # unexplained fraction of the floors' motion for a warning; good
 USABLE = 0.2  # largest relative uncertainty, and unexplained fraction, of a usable free vibration
 
 
-def misfit(specimen: SpecimenFit | None, seen: Sequence[ChannelReport]) -> tuple[str, ...]:
-    """Return a sentence if the specimen deviates from a linear chain with the given masses and modal damping."""
+def misfit(specimen: SpecimenFit | None, seen: Sequence[ChannelReport]) -> tuple[Finding, ...]:
+    """Return a warning if the specimen deviates from a linear chain with the given masses and modal damping."""
     if specimen is None:
         return ()
     noise = max((c.rest_rms_m_s2 or 0.0) / c.rms_m_s2 for c in seen)
     if specimen.residual <= max(MISFIT, 3.0 * noise):
         return ()
-    return (
-        f"specimen: {100.0 * specimen.residual:.2f} % of the floors' motion is not that of a linear chain of storeys "
-        "with the given masses and modal damping; read stiffness and damping with care",
-    )
+    return (Finding("specimen.no_chain", {"residual": specimen.residual}),)
 
 
-def not_held(candidates: Sequence[Candidate]) -> tuple[str, ...]:
-    """Return a sentence if the data show more dynamics than the chosen structure contains."""
+def not_held(candidates: Sequence[Candidate]) -> tuple[Finding, ...]:
+    """Return a warning if the data show more dynamics than the chosen structure contains."""
     worst = max((tried.held_out for tried in candidates if tried.chosen), default=0.0)
-    if not worst > MORE_THAN_HELD:
-        return ()
-    return (
-        f"table model: its held-out error is {worst:.3g} times the data's own scatter; the table has more to it than "
-        "any structure that was tried (one of: more modes, a delay shorter than declared, a loose part, lost samples, "
-        "nonlinearity)",
-    )
+    return (Finding("model.held_out", {"ratio": worst}),) if worst > MORE_THAN_HELD else ()
 
 
-def late(model: Model, info: RigInfo) -> tuple[str, ...]:
-    """Return a sentence if the fitted delay is longer than the rig declares."""
+def late(model: Model, info: RigInfo) -> tuple[Finding, ...]:
+    """Return a warning if the fitted delay is longer than the rig declares."""
     declared = Timing(info.latency_samples, info.dt_s, info.transport_s).delay_s
     if model.delay_s <= declared * (1.0 + 1e-9):
         return ()
-    return (
-        f"table model: the data ask for a delay of {1e3 * model.delay_s:.3g} ms, {1e3 * declared:.3g} ms are declared "
-        "(latency and half a sample of hold); check converters.latency_samples and the channels' timing",
-    )
+    return (Finding("model.late", {"delay_s": model.delay_s, "declared_s": declared}),)
 
 
-def usable(free: SpecimenFit | None) -> tuple[SpecimenFit | None, tuple[str, ...]]:
-    """Return the fit to the free vibration if it is usable, else None and a sentence that it is too weak."""
+def usable(free: SpecimenFit | None) -> tuple[SpecimenFit | None, tuple[Finding, ...]]:
+    """Return the fit to the free vibration if it is usable, else None and a warning that it is too weak."""
     if free is None:
         return None, ()
     known = np.concatenate(
@@ -432,23 +393,25 @@ def usable(free: SpecimenFit | None) -> tuple[SpecimenFit | None, tuple[str, ...
     )
     if np.isfinite(known).all() and known.max() < USABLE and free.residual < USABLE:
         return free, ()
-    sentence = (
-        f"free vibration: too weak to be used, {100.0 * free.residual:.1f} % of the floors' motion is not explained"
-    )
-    return None, (sentence,)
+    return None, (Finding("free_vibration.weak", {"residual": free.residual}),)
 
 
-def differences(noise: SpecimenFit | None, free: SpecimenFit | None) -> tuple[str, ...]:
-    """Return a sentence for each mode in which excitation and free vibration disagree."""
+def differences(noise: SpecimenFit | None, free: SpecimenFit | None) -> tuple[Finding, ...]:
+    """Return a warning for each mode in which excitation and free vibration disagree."""
     if noise is None or free is None:
         return ()
     return tuple(
-        f"specimen mode {mode + 1}: excitation gives {noise.natural_frequency_hz[mode]:.3f} Hz and "
-        f"{100.0 * noise.damping_ratio[mode]:.2f} %, free vibration {free.natural_frequency_hz[mode]:.3f} Hz and "
-        f"{100.0 * free.damping_ratio[mode]:.2f} %; it is nonlinear, or the free vibration is too weak"
+        Finding(
+            "free_vibration.differs",
+            {
+                "mode": mode + 1,
+                "excited_hz": noise.natural_frequency_hz[mode], "excited_damping_ratio": noise.damping_ratio[mode],
+                "free_hz": free.natural_frequency_hz[mode], "free_damping_ratio": free.damping_ratio[mode],
+            },
+        )
         for mode in range(len(noise.damping_ratio))
         if not agree(noise, free, mode)
-    )
+    )  # fmt: skip
 
 
 def agree(one: SpecimenFit, other: SpecimenFit, mode: int) -> bool:

@@ -180,6 +180,7 @@ AXES: dict[str, Axis] = {
         Axis("band_hz_entry", "1", "end of the band: 1 lower, 2 upper", counted=True),
         Axis("feedforward_hz_entry", "1", "end of the band: 1 lower, 2 upper", counted=True),
         Axis("reasons_entry", "1", "reason, counted from 1", counted=True),
+        Axis("findings_entry", "1", "finding, counted from 1", counted=True),
         Axis("warnings_entry", "1", "warning, counted from 1", counted=True),
         Axis("table_entry", "1", "cause, counted from 1", counted=True),
         Axis("storeys_entry", "1", "entry, counted from 1", counted=True),

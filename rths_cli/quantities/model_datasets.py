@@ -82,6 +82,7 @@ COMPLEX = {
 TEXTS = {
     ("verdict", "reasons"),
     ("verdict", "warnings"),
+    ("verdict", "findings"),
     ("level_causes", "table"),
     ("channels", "name"),
     ("candidates", "name"),
@@ -148,6 +149,7 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("lag_s", "s", (), "phase lag of command to displacement at low frequency as a time, delay included"),
             ("reasons", "1", ("reasons_entry",), "why the model may not drive the table"),
             ("warnings", "1", ("warnings_entry",), "what else to know"),
+            ("findings", "1", ("findings_entry",), "reasons, then warnings, as JSON: code, values, advice, text"),
             ("known_hz", "Hz", (), "above, the model says nothing; infinite: the data determine all its roots"),
         ),
         "compared": (

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rths_cli.findings import as_data, sentences
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import METRICS, Interval, intervals_of
 from rths_cli.report.case_metric_tables import budget, latency
@@ -17,6 +18,7 @@ from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
     from rths_cli.experiment.check_command import Checked, Tested
+    from rths_cli.findings import Finding
 
 MARGINS = (
     ("gain up, factor", "gain_margin", 1.0),
@@ -296,7 +298,7 @@ def _reach(values: Values) -> list[Block]:
     ]
 
 
-def _guard(values: Values, said: Sequence[str]) -> list[Block]:
+def _guard(values: Values, said: Sequence[Finding]) -> list[Block]:
     """Return the lines on the guard's limits in each run, and the sentences on them; none where no run is planned."""
     rows = [["", "needs", "limit"]]
     for run, label in RUNS:
@@ -305,9 +307,9 @@ def _guard(values: Values, said: Sequence[str]) -> list[Block]:
                 needs, limit = (scale * _one(values, f"{run}_{what}_{leaf}") for what in ("planned", "guard"))
                 rows.append([f"{label}, {words}", significant(needs), significant(limit)])
     if len(rows) == 1:
-        return [labelled("guard", one) for one in said]
+        return [labelled("guard", str(one)) for one in said]
     first = "stops a run at these limits, set to the motion that the run needs and never above the rig file's"
-    return [labelled("guard", first), grid(rows), *(labelled("", one) for one in said)]
+    return [labelled("guard", first), grid(rows), *(labelled("", str(one)) for one in said)]
 
 
 def _compared(values: Values, about: Tested) -> list[Block]:
@@ -377,11 +379,12 @@ def _case(one: Checked) -> dict[str, Any]:
         "doubted": list(one.doubted),
         "reasons": list(one.reasons),
         "warnings": list(one.warnings),
+        "findings": [as_data(found) for found in (*one.refusals, *one.notes, *one.of_guard)],
         "metrics": {path: json_value(value) for path, value in one.metrics.items()},
         "units": {path: METRICS[path].units for path in one.metrics},
         "definitions": {path: METRICS[path].definition for path in one.metrics},
         **({"tangents": list(one.tangents)} if one.tangents else {}),
-        **({"guard": list(one.of_guard)} if one.of_guard else {}),
+        **({"guard": list(sentences(one.of_guard))} if one.of_guard else {}),
         **({"intervals": intervals_json(intervals)} if (intervals := intervals_of(one.metrics)) else {}),
     }
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rths_cli.identification.level_dependence import meaning
+from rths_cli.findings import Finding, as_data, sentences
+from rths_cli.identification.level_dependence import causes_of
 from rths_cli.identification.results import (
     Band,
     ChannelReport,
@@ -45,7 +46,8 @@ def as_document(found: Identification, about: About) -> dict[str, Any]:
         "accepted": found.accepted,
         "reasons": list(found.reasons),
         "warnings": list(found.warnings),
-        "verdict": asdict(found.verdict),
+        "findings": [as_data(each) for each in (*found.verdict.refusals, *found.verdict.notes)],
+        "verdict": _verdict_values(found.verdict),
         "best": _model(found.best, found.best_error),
         "paper": _model(found.paper, found.paper_error),
         "specimen": _specimen(found.specimen),
@@ -63,13 +65,19 @@ def as_document(found: Identification, about: About) -> dict[str, Any]:
     return {key: json_data(value) for key, value in document.items()}
 
 
-def rejected_document(channels: Sequence[ChannelReport], faults: Sequence[str], about: About) -> dict[str, Any]:
+def _verdict_values(verdict: Verdict) -> dict[str, Any]:
+    values = {**vars(verdict), "reasons": verdict.reasons, "warnings": verdict.warnings}
+    return {name: value for name, value in values.items() if name not in ("refusals", "notes")}
+
+
+def rejected_document(channels: Sequence[ChannelReport], faults: Sequence[Finding], about: About) -> dict[str, Any]:
     """Return the document for JSON of data from which no model can be made."""
     document = {
         **_about(about),
         "accepted": False,
-        "reasons": list(faults),
+        "reasons": list(sentences(faults)),
         "warnings": [],
+        "findings": [as_data(fault) for fault in faults],
         "channels": [asdict(channel) for channel in channels],
     }
     return {key: json_data(value) for key, value in document.items()}
@@ -445,7 +453,10 @@ def _meaning(levels: Sequence[LevelBand], causes: LevelCauses, compared: Compare
         return "no difference beyond the scatter: friction does not show at these levels"
     most = max(clear, key=lambda level: abs(level.ratio - 1.0))
     size = f"differs by up to {percent(abs(most.ratio - 1.0))} % ({band(most.low_hz, most.high_hz)} Hz)"
-    cause = meaning(causes) or "no single cause (friction, suspension, gain, specimen) explains how"
+    cause = (
+        "; or ".join(sentences(causes_of(causes)))
+        or "no single cause (friction, suspension, gain, specimen) explains how"
+    )
     return f"{size}: {cause}; the model holds best near full level"
 
 

@@ -23,6 +23,7 @@ from rths_cli.experiment import identify_on_rig as workflow
 from rths_cli.experiment.identify_on_rig import Measured, UnfitRig
 from rths_cli.files.measured_data import read_recording
 from rths_cli.files.model_file import read_model
+from rths_cli.findings import stated
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.identification.results import Identification
@@ -153,7 +154,7 @@ def test_a_case_that_names_a_model_can_have_it_made(rths: Rths, measured: list[s
 def test_a_rejected_model_is_written_and_says_so(
     rths: Rths, measured: list[str], monkeypatch: pytest.MonkeyPatch, default_identification: Identification
 ) -> None:
-    verdict = replace(default_identification.verdict, accepted=False, reasons=("too much friction",))
+    verdict = replace(default_identification.verdict, accepted=False, refusals=(stated("too much friction"),))
     rejected = replace(default_identification, verdict=verdict)
     monkeypatch.setattr(identify_command, "evaluated", lambda *_: rejected)
     shown = rths("identify", "--no-figure", "--output", "m.h5")
@@ -168,7 +169,7 @@ def test_a_rig_with_a_dead_channel_gives_a_page_but_no_model(
     rths: Rths, measured: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def unfit(*_: object) -> None:
-        raise UnfitRig("aps400_virtual", UnfitRecord(["channel floor_2: dead"]))
+        raise UnfitRig("aps400_virtual", UnfitRecord([stated("channel floor_2: dead")]))
 
     monkeypatch.setattr(identify_command, "evaluated", unfit)
     shown = rths("identify", "--output", "m.h5", "--save-data", "d.h5")

@@ -16,14 +16,16 @@ from watched_references import watch_references
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RigError
 from rths_cli.experiment import check, check_command, identify_on_rig, real_rig_readiness
-from rths_cli.experiment.check_command import REACH, Checked
+from rths_cli.experiment.check_command import Checked
 from rths_cli.experiment.model_choice import IdentifiedModel, Memory
 from rths_cli.experiment.model_files import save
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import Result, read_result
+from rths_cli.findings import stated
 from rths_cli.identification.results import Identification
 from rths_cli.quantities import METRICS
+from rths_cli.quantities.metrics import REACH
 
 CASE, BARE = "el_centro_low_ff_fb", "el_centro_bare_ff_fb"
 
@@ -132,7 +134,7 @@ def test_figures_against_known_ones(memory: Memory) -> None:
     assert value(found, "loop_frequency_hz") == pytest.approx(value(found, "building_frequency_hz"), rel=1e-4)
     assert value(found, "loop_damping_ratio") == pytest.approx([0.026, 0.0663, 0.0563], abs=1e-4)
     assert value(found, "sim_delay_rms_error_m_s2") == pytest.approx([0.0763, 0.1278, 0.1581], rel=0.005)
-    assert {leaf: float(value(found, f"limit_{leaf}")) for leaf in REACH.values()} == pytest.approx(
+    assert {leaf: float(value(found, f"limit_{leaf}")) for leaf in REACH} == pytest.approx(
         {
             "displacement_m": 0.079,
             "velocity_m_s": 1.0,
@@ -172,7 +174,7 @@ def test_a_rig_that_cannot_be_identified_makes_a_case_unsafe(monkeypatch: pytest
 
 @pytest.mark.campaign
 def test_a_rejected_model_is_a_reason_unless_overridden(default_identification: Identification) -> None:
-    verdict = replace(default_identification.verdict, accepted=False, reasons=("made up",))
+    verdict = replace(default_identification.verdict, accepted=False, refusals=(stated("made up"),))
     known = IdentifiedModel(replace(default_identification, verdict=verdict), "made up")
     memory = SimpleNamespace(at_rest=lambda *_: known)
     found = check_command.check_case(setup_of(), memory, nothing)  # type: ignore[arg-type]
@@ -189,7 +191,7 @@ def test_a_controller_that_a_rejected_model_leaves_none_is_no_reason_of_its_own(
         raise InputError("controller: no feedback is of use")
 
     monkeypatch.setattr(check_command, "design_blocks", refuse)
-    verdict = replace(default_identification.verdict, accepted=False, reasons=("made up",))
+    verdict = replace(default_identification.verdict, accepted=False, refusals=(stated("made up"),))
     known = IdentifiedModel(replace(default_identification, verdict=verdict), "made up")
     memory = SimpleNamespace(at_rest=lambda *_: known)
     (reason,) = check_command.check_case(setup_of(), memory, nothing).reasons  # type: ignore[arg-type]

@@ -96,7 +96,7 @@ def test_a_verification_is_played_at_the_level_with_which_it_is_compared(
     said = list[str]()
     reasons, sentence = compared(setup, found, low_level_record(setup, found, said.append))
     assert reasons == ()
-    assert sentence.startswith("verified by a low-level record")
+    assert str(sentence).startswith("verified by a low-level record")
     assert f"at {found.low_level_m_s2:.2g} m/s^2 rms" in said[0]
 
 

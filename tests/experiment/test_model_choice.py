@@ -23,6 +23,7 @@ from rths_cli.experiment.model_files import save
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import Result, read_result
+from rths_cli.findings import stated
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Model
 
@@ -136,7 +137,7 @@ def test_what_hardly_changed_passes(file: Path, change: str) -> None:
 def test_a_rejected_model_in_a_file_stays_rejected(
     tmp_path: Path, default_setup: Setup, default_identification: Identification
 ) -> None:
-    verdict = replace(default_identification.verdict, accepted=False, reasons=("table model: error 9 %",))
+    verdict = replace(default_identification.verdict, accepted=False, refusals=(stated("table model: error 9 %"),))
     save(tmp_path / "bad.h5", default_setup, replace(default_identification, verdict=verdict), "", "")
     ended, _ = run(tmp_path / "r.h5", setup_of(tmp_path / "bad.h5"))
     assert (ended.exit_code, ended.status) == (1, "refused") and "error 9 %" in ended.reason

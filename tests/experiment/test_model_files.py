@@ -29,6 +29,7 @@ from rths_cli.experiment.model_files import KEPT, Cache, from_groups, key, load,
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.model_file import read_model
+from rths_cli.findings import Finding, stated
 from rths_cli.identification.results import Identification, NonlinearSpecimen, Pitch
 
 CASE = "el_centro_low_ff_fb"
@@ -144,9 +145,9 @@ def test_a_file_from_before_the_aliass_integral_was_known_has_none(default_ident
 def test_what_an_identification_may_lack_comes_back_too(
     tmp_path: Path, default_setup: Setup, default_identification: Identification
 ) -> None:
-    verdict = replace(
-        default_identification.verdict, accepted=False, reasons=("größer: 1 %", ""), warnings=("a; b",), lag_s=-0.0
-    )
+    refusals = (stated("größer: 1 %"), Finding("model.lag", {"lag_s": 0.6}).at("at.record", record=2))
+    notes = (stated("a; b", "warns"), stated("", "notes"))
+    verdict = replace(default_identification.verdict, accepted=False, refusals=refusals, notes=notes, lag_s=-0.0)
     poor = replace(
         default_identification,
         noise_floors=(None, *default_identification.noise_floors[1:]),

@@ -15,9 +15,10 @@ from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.one_table_run import HYBRID_TEST, SHAKE_TABLE_TEST, RunKind, RunPlan
-from rths_cli.experiment.planned_motion import PlannedMotion, effective_limits, foreseen_causes, guard_sentences
+from rths_cli.experiment.planned_motion import PlannedMotion, effective_limits, foreseen_causes, guard_findings
 from rths_cli.experiment.real_rig_readiness import guard_limits
 from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.findings import sentences
 from rths_cli.identification.results import Identification
 from rths_cli.loop.guard import ACCELERATION, COMMAND, STROKE, TRACKING
 
@@ -110,7 +111,7 @@ def test_no_limit_of_the_rig_file_is_raised_and_the_lower_ones_are_told(usual: M
     assert limits.tracking_error < 0.8  # of a demand of 0.8: what a dead sensor shows
     assert 8.8e-3 < limits.reach_m < 1.5 * 8.7e-3
     assert np.all(limits.abort > needs.accel_m_s2)
-    told = " ".join(guard_sentences(own, "EXP-RTHS", needs))
+    told = " ".join(sentences(guard_findings(own, "EXP-RTHS", needs)))
     assert "tracking_error_m_s2 3 m/s^2" in told and "stroke_m 0.079 m" in told
     loud = replace(needs, accel_m_s2=np.full(3, 44.0), tracking_error_m_s2=10.0)
     assert np.all(effective_limits(guard_limits(own), loud).abort <= 45.0)

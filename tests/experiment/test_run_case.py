@@ -22,6 +22,7 @@ from rths_cli.experiment.one_table_run import drive_of
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result
+from rths_cli.findings import stated
 from rths_cli.quantities import metrics_of
 
 CASE = "el_centro_low_ff_fb"
@@ -174,7 +175,7 @@ def test_a_specimen_that_differs_from_the_declared_one_is_named(tmp_path: Path, 
 def test_a_rejected_model_moves_no_table_unless_overridden(tmp_path: Path, memory: Memory) -> None:
     setup = make_setup(load_cases([CASE], ("runs=[sim, exp_rths]",))[0])
     found = memory.identify(setup, lambda _: None)
-    rejected = replace(found, verdict=replace(found.verdict, accepted=False, reasons=("made up",)))
+    rejected = replace(found, verdict=replace(found.verdict, accepted=False, refusals=(stated("made up"),)))
     known = SimpleNamespace(known=lambda *_: IdentifiedModel(rejected, "made up"))
     ended = run_case(setup, tmp_path / "r.h5", known, "test", lambda _: None)  # type: ignore[arg-type]
     assert (ended.exit_code, ended.status) == (1, "refused") and "made up" in ended.reason

@@ -24,6 +24,7 @@ from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.model_choice import IdentifiedModel, Memory
 from rths_cli.experiment.model_files import save, to_groups
 from rths_cli.experiment.setup import OwnSamples, Setup, make_setup
+from rths_cli.findings import stated
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import Interval, intervals_of
@@ -213,7 +214,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, certain: Setup, identified: 
     """Return model files: the nominal model, a sample, and a sample that its identification rejected."""
     folder = tmp_path_factory.mktemp("samples")
     sample = stiffer(identified, 1.02)
-    verdict = replace(sample.verdict, accepted=False, reasons=("made up to be bad",))
+    verdict = replace(sample.verdict, accepted=False, refusals=(stated("made up to be bad"),))
     made = {"nominal": identified, "sample": sample, "rejected": replace(sample, verdict=verdict)}
     for name, found in made.items():
         save(folder / f"{name}.h5", certain, found, "made for this test", "0" * 64)

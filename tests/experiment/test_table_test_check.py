@@ -20,6 +20,7 @@ from rths_cli.experiment.model_choice import IdentifiedModel
 from rths_cli.experiment.one_table_run import HYBRID_TEST, SHAKE_TABLE_TEST, plan_run, play_run, run_of
 from rths_cli.experiment.run_case import refusal_of
 from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.findings import sentences, stated
 from rths_cli.identification.results import Identification
 
 SHORT_SEED = 32  # stiff: modes in and above the identified band
@@ -83,14 +84,16 @@ def test_model_that_is_rejected_refuses_the_table_test_too(
     default_setup: Setup, default_identification: Identification
 ) -> None:
     setup = table_only(default_setup)
-    found = verdict_on(setup, replace(IdentifiedModel(default_identification, "test"), reasons=("made up",)), False)
-    assert found.worst == UNSAFE and "made up" in "; ".join(found.of_run("shake_table")[1])
+    found = verdict_on(
+        setup, replace(IdentifiedModel(default_identification, "test"), reasons=(stated("made up"),)), False
+    )
+    assert found.worst == UNSAFE and "made up" in "; ".join(sentences(found.of_run("shake_table")[1]))
 
 
 def test_excitations_are_judged_by_their_command(default_setup: Setup, default_identification: Identification) -> None:
     command = plan(default_setup).command_v
     rows = {row.name: row for row in excitation_reach(default_setup, command)}
-    assert rows["command"].peak == pytest.approx(np.abs(command).max(), rel=1e-6)
+    assert rows["command_v"].peak == pytest.approx(np.abs(command).max(), rel=1e-6)
     assert not excitation_faults(default_setup, command)
     told = dict(excitations(default_setup, IdentifiedModel(default_identification, "test")))
     assert told["identification"] == ()

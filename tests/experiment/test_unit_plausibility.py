@@ -28,6 +28,7 @@ from rths_cli.experiment.run_command import Request, run_batch
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.unit_plausibility import keys_in_doubt, unit_doubts, unknown_consents
 from rths_cli.files.result_reader import read_result
+from rths_cli.findings import stated
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
@@ -241,7 +242,7 @@ def test_identification_doubts_before_it_excites_a_real_rig_and_before_it_blames
 
     def measure(setup: Setup, progress: object, planned: object) -> object:
         said.append("excited")
-        raise UnfitRig(rig, UnfitRecord(("channel floor_5: dead",)))
+        raise UnfitRig(rig, UnfitRecord((stated("channel floor_5: dead"),)))
 
     monkeypatch.setattr(identify_command, "measure", measure)
     path = case_of(tmp_path, MISTAKES["stiffness in kN/m"][0], table=rig)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from docs_commands import commands_page
+from docs_findings import findings_page
 from docs_hdf5 import hdf5_page
 from docs_keys import case_page, law_page, rig_page, study_page
 from docs_licences import licences_page
@@ -23,6 +24,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "storey_laws.md": law_page,
     "hdf5.md": hdf5_page,
     "metrics.md": reference_page,
+    "findings.md": findings_page,
     "licences.md": licences_page,
 }
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rths_cli.experiment.check_command import Checked, Tested
+from rths_cli.findings import stated
 from rths_cli.quantities import Values, metrics_of
 
 ABOUT = Tested(
@@ -57,4 +58,6 @@ def metrics(seed: int = 0) -> Values:
 def checked(verdict: str = "safe", reasons: tuple[str, ...] = (), drop: tuple[str, ...] = (), **about: Any) -> Checked:
     """Return a checked case; figures whose path starts with one of `drop` are missing."""
     found = {path: metric for path, metric in metrics().items() if not path.startswith(drop or ("none",))}
-    return Checked(replace(ABOUT, **about), verdict, reasons, ("a warning",), found)
+    return Checked(
+        replace(ABOUT, **about), verdict, tuple(map(stated, reasons)), (stated("a warning", "notes"),), found
+    )

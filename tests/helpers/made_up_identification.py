@@ -3,6 +3,7 @@
 import numpy as np
 
 from rths_cli.experiment.identify_command import About
+from rths_cli.findings import stated
 from rths_cli.identification.results import (
     Band,
     Candidate,
@@ -96,6 +97,8 @@ def identification(reasons=(), warnings=(), **changes):
             LevelBand(0.7, 2.0, 0.966 * np.exp(-1j * 0.0213), 0.0017),
             LevelBand(2.0, 5.0, 0.988 * np.exp(-1j * 0.0105), 0.0023),
         ),
-        "verdict": Verdict(not reasons, (0.7, 58.7), 0.00075, 0.0145, tuple(reasons), tuple(warnings)),
+        "verdict": Verdict(
+            not reasons, (0.7, 58.7), 0.00075, 0.0145, tuple(map(stated, reasons)), tuple(map(stated, warnings))
+        ),
     }
     return Identification(**(parts | changes))

@@ -14,6 +14,7 @@ from portfolio import parametrize_first
 from scipy import signal
 
 from rths_cli.control import sensor_correction
+from rths_cli.findings import sentences
 from rths_cli.identification import channel_responses, channel_signals
 from rths_cli.identification.channel_signals import as_sampled, cut_off_peaks, flat_tops
 from rths_cli.identification.excitation import Kind
@@ -39,7 +40,7 @@ def with_accel(record: Record, accel: np.ndarray) -> Record:
 
 def faults(made: Linear, accel: np.ndarray | None = None) -> list[str]:
     record = made.record if accel is None else with_accel(made.record, accel)
-    return channel_signals.signal_faults(record, made.info) or list(judged(made, record).faults)
+    return list(sentences(channel_signals.signal_faults(record, made.info) or judged(made, record).faults))
 
 
 def judged(made: Linear, record: Record) -> channel_responses.Judgement:
@@ -85,7 +86,7 @@ def test_every_pair_of_swapped_channels_is_named(floors: int, kind: Kind) -> Non
         accel[[one, other]] = accel[[other, one]]
         found = faults(made, accel)
         assert len(found) == 1
-        assert f"channels {names(made)[one]} and {names(made)[other]}: they look swapped" in found[0]
+        assert f"channels {names(made)[one]} and {names(made)[other]}: they look swapped" in str(found[0])
 
 
 @parametrize_first(1, "kind", KINDS)
@@ -142,7 +143,8 @@ def test_a_channel_in_another_unit_is_named_with_it(factor: float, unit: str) ->
     made = clean(3)
     accel = 0.1 * made.record.accel_m_s2  # so that the channel stays within its sensor's range
     accel[2] *= factor
-    (said,) = judged(made, replace(made.record, command_v=0.1 * made.record.command_v, accel_m_s2=accel)).faults
+    record = replace(made.record, command_v=0.1 * made.record.command_v, accel_m_s2=accel)
+    (said,) = sentences(judged(made, record).faults)
     assert stated(said, names(made)[2]) == pytest.approx(factor, rel=0.01)
     assert "check the sensitivity" in said and said.endswith(unit) and ("unit" in said) == bool(unit)
 
@@ -157,7 +159,7 @@ def test_lost_samples_are_counted_and_placed() -> None:
     assert "number 1234;" in fault
     command = made.record.command_v.copy()
     command[7] = np.inf
-    (fault,) = channel_signals.signal_faults(replace(made.record, command_v=command), made.info)
+    (fault,) = sentences(channel_signals.signal_faults(replace(made.record, command_v=command), made.info))
     assert "channel command: 1 of" in fault
 
 
@@ -274,7 +276,7 @@ def test_hum_is_found_in_silence_with_its_amplitude(kind: Kind, hz: float) -> No
         seen = channel_signals.reports([with_accel(made.record, accel)], None, made.info)
         assert [c.hum_hz for c in seen] == [hz if c is seen[index] else 0.0 for c in seen]
         assert seen[index].hum_m_s2 == pytest.approx(size, rel=0.2)
-        (warning,) = channel_signals.hum_warnings(seen)
+        (warning,) = sentences(channel_signals.hum_warnings(seen))
         assert f"channel {names(made)[index]}: {hz:g} Hz hum" in warning
 
 
@@ -316,7 +318,7 @@ def test_gain_far_from_the_data_sheet_is_a_warning(factor: float, warned: bool) 
     found = channel_responses.gain_warnings(factor * info.gain_m_per_v, 1e-3, info)
     assert len(found) == warned
     if warned:
-        assert f"moves {abs(factor) * 7.9:.3g} mm/V" in found[0]
+        assert f"moves {abs(factor) * 7.9:.3g} mm/V" in str(found[0])
 
 
 def moving(factor: float) -> Frf:
@@ -349,7 +351,7 @@ def test_command_and_table_exchanged_are_named() -> None:
     )  # fmt: skip
     found = judged(made, record).faults
     assert len(found) == 1
-    assert "command and table: they look swapped" in found[0]
+    assert "command and table: they look swapped" in str(found[0])
 
 
 def test_table_of_half_again_the_nominal_gain_is_identified_with_a_warning() -> None:

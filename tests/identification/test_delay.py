@@ -147,7 +147,7 @@ def test_a_difference_is_said_when_it_is_large_and_clear() -> None:
     assert doubts(DelayEstimate(1.25e-3, 1e-5, 7.5e-4), 5e-5)
     for identified_s in (8.6e-4, 6.4e-4):
         (said,) = doubts(DelayEstimate(identified_s, 1e-5, 7.5e-4))
-        assert f"{1e3 * identified_s:.3f} +- 0.020 ms" in said
+        assert f"{1e3 * identified_s:.3f} +- 0.020 ms" in str(said)
 
 
 def test_what_a_link_adds_is_declared() -> None:

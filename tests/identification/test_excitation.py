@@ -77,7 +77,7 @@ def test_every_kind_keeps_its_share_of_what_its_command_says(kind: Kind, seed: i
     assert predicted[field] == pytest.approx(0.6 * limit, rel=0.02)
     assert place <= 0.6 * 0.079 * 1.0001
     name = field.split("_")[0]
-    assert f"60 % of the {name} limit" in made.notes[-1]
+    assert f"60 % of the {name} limit" in str(made.notes[-1])
     assert made.reach[name].share == pytest.approx(0.6)
 
 
@@ -106,7 +106,7 @@ def test_periodic_kinds_repeat_bit_by_bit_after_a_period_to_settle(kind: Kind) -
     made = plan(make_info(SPECIMEN), replace(SHORT, duration_s=75.0, period_s=20.0, kind=kind), 0)
     parts, n = made.parts, 40000
     steady = made.command_v[parts.noise]
-    assert made.notes[0] == "excitation of 60 instead of 75 s: whole periods of 20 s"
+    assert str(made.notes[0]) == "excitation of 60 instead of 75 s: whole periods of 20 s"
     assert (parts.period_samples, parts.segment_samples) == ((n, 0) if kind == "multisine" else (0, n // 10))
     assert len(steady) == 3 * n
     assert np.array_equal(steady[:n], steady[n : 2 * n])
@@ -176,7 +176,7 @@ def test_what_a_command_does_not_say_is_left_to_the_probe(limits: dict[str, floa
 def test_small_stroke_scales_the_noise_down() -> None:
     info = replace(SMOOTH, limits=replace(SMOOTH.limits, stroke_m=0.02))
     made = plan(info, SHORT, 0)
-    assert "stroke" in made.notes[0]
+    assert "stroke" in str(made.notes[0])
     assert made.accel_rms_m_s2 < 1.5
     assert info.gain_m_per_v * np.abs(made.command_v).max() == pytest.approx(0.012, rel=1e-6)
 
@@ -217,7 +217,7 @@ def test_settings_out_of_range_are_named(field: str, value: float) -> None:
 def test_a_small_stroke_and_a_coarse_converter_leave_a_small_plan() -> None:
     made = plan(make_info(SPECIMEN, bits=12, stroke_m=0.002), SHORT, 0)
     assert 0.0 < made.accel_rms_m_s2 < 0.2
-    assert "stroke limit" in made.notes[0]
+    assert "stroke limit" in str(made.notes[0])
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from portfolio import parametrize_first
 from scipy.signal import bilinear, lfilter, periodogram
 
 from rths_cli.errors import InputError
+from rths_cli.findings import sentences
 from rths_cli.identification.excitation import Excitation, ExcitationSettings, Kind, plan, shaped_noise
 from rths_cli.identification.low_level_probe import choose_level, expected, measured_gain, overdriven, probe_plan
 from rths_cli.identification.record_parts import Record
@@ -91,7 +92,7 @@ def test_a_coarse_converter_asks_for_a_louder_probe_but_never_for_more_than_half
     coarse = replace(INFO, converters=replace(INFO.converters, bits=12))
     probe = probe_plan(coarse, SETTINGS, 0)
     assert probe.accel_rms_m_s2 == pytest.approx(10.0 * bit)
-    assert probe.notes == (
+    assert sentences(probe.notes) == (
         "probe played at 0.48 m/s^2 rms, more than 20 % of the 2 wanted or of what the limits allow: the converters "
         "are coarse",
     )
@@ -195,7 +196,7 @@ def test_limits_are_kept_with_the_measured_gain(kind: Kind, name: str, limits: d
     assert level.limited_by == f"{name} limit"
     assert peaks[names.index(name)] == pytest.approx(0.6 * limit, rel=0.03)
     (lowered,) = level.notes
-    assert f"to {level.accel_rms_m_s2:.2f} m/s^2 rms: {name} limit, " in lowered
+    assert f"to {level.accel_rms_m_s2:.2f} m/s^2 rms: {name} limit, " in str(lowered)
     assert min(level.allowed_m_s2.values()) == level.allowed_m_s2[f"{name} limit"] == level.accel_rms_m_s2
 
 
@@ -207,7 +208,7 @@ def test_floor_that_resonates_keeps_its_share_of_the_sensor(kind: Kind) -> None:
     played = np.abs(rig.play(loud.command_v)[1]).max()
     assert level.limited_by == "range of channel floor_1"
     assert played == pytest.approx(0.7 * 20.0, rel=0.01)
-    assert "at most 70 % of 20 m/s^2 is used" in level.notes[0]
+    assert "at most 70 % of 20 m/s^2 is used" in str(level.notes[0])
 
 
 def test_converter_can_end_before_the_sensor() -> None:

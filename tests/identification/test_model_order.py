@@ -10,6 +10,7 @@ from made_linear import DT
 from made_records import make_info, make_specimen
 from portfolio import parametrize_first
 
+from rths_cli.findings import sentences
 from rths_cli.identification import model_order
 from rths_cli.identification.excitation import ExcitationSettings, Kind, plan
 from rths_cli.identification.frequency_response import estimate, simulate, without_leakage
@@ -111,7 +112,7 @@ def test_a_pair_that_resonates_far_above_the_band_is_doubted(
     layout = Layout(1, 0, 1, 0.0)
     parameters = pack(1.0, np.array([pole]) * [2 * np.pi, 1.0], np.zeros(0), np.array([zero]) * [2 * np.pi, 1.0])
     model = Model(np.zeros(0), np.zeros(0), 1.0, 0.0, BAND_HZ, 0.0, 1, DT)
-    assert list(doubtful(Fit(model, layout, parameters, 1e-6 * np.eye(5)))) == told
+    assert list(sentences(doubtful(Fit(model, layout, parameters, 1e-6 * np.eye(5))))) == told
 
 
 def test_score_of_the_right_structure_is_about_one_where_noise_rules() -> None:

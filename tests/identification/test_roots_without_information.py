@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rths_cli.findings import sentences
 from rths_cli.identification.delay import shifts
 from rths_cli.identification.results import FitError, Root
 from rths_cli.identification.table_fit import Fit, Layout, Timing, fit, pack
@@ -67,7 +68,7 @@ def test_a_pole_that_is_nowhere_is_not_determined_and_the_other_comes_back(corne
         assert slow.frequency_error_hz < 0.1 * corner_hz
         assert not far.determined and far.frequency_hz > BAND_HZ[1]
         known_hz, warnings, reasons = without_information(found, (slow, far), LIMITS, USUAL)
-        (warning,) = warnings
+        (warning,) = sentences(warnings)
         assert not reasons and known_hz > USUAL.high_hz
         assert warning.startswith(
             "table model: a real pole beyond the fitted band (0.5-60 Hz) is not determined by the data; in "
@@ -100,8 +101,8 @@ def test_a_root_that_matters_in_the_compared_band_rejects_the_model() -> None:
     found, roots = one_pole(3.0, 0.5, 1)
     known_hz, warnings, reasons = without_information(found, roots, FitError(0.01, 0.001, 0.004), USUAL)
     assert not warnings and known_hz < USUAL.high_hz
-    assert "not determined by the data, which leaves the model uncertain by" in reasons[0]
-    assert reasons[0].endswith("the limit is 0.1 %; excite longer or louder, or over a wider band")
+    assert "not determined by the data, which leaves the model uncertain by" in str(reasons[0])
+    assert str(reasons[0]).endswith("the limit is 0.1 %; excite longer or louder, or over a wider band")
 
 
 def test_an_overdamped_pair_is_the_two_real_roots_of_its_polynomial() -> None:
@@ -138,5 +139,5 @@ def test_the_model_says_nothing_where_two_standard_uncertainties_pass_the_limit(
     assert 2.0 * response_error(found, np.array([0.98 * known_hz]))[0] < LIMITS.largest
     assert 2.0 * response_error(found, np.array([1.02 * known_hz]))[0] > LIMITS.largest
     inside = 200.0 * response_error(found, np.linspace(*USUAL.hz, 300)).max()
-    said = float(warning.partition("matters by at most ")[2].partition(" %")[0])
+    said = float(str(warning).partition("matters by at most ")[2].partition(" %")[0])
     assert said == pytest.approx(inside, rel=0.05)

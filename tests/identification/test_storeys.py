@@ -14,6 +14,7 @@ from campaigns.own_chains import Chain, Fault, injected, made_chain
 from campaigns.own_plant import Plant
 from portfolio import parametrize_first
 
+from rths_cli.findings import sentences
 from rths_cli.identification import channel_responses
 from rths_cli.identification.chain_residual import explained, first_values, grouped
 from rths_cli.identification.frequency_response import estimate
@@ -98,7 +99,7 @@ def test_a_chain_as_declared_is_explained_and_not_accused(name: str) -> None:
     ],
 )
 def test_the_fault_put_in_is_the_one_named(name: str, fault: Fault, words: str) -> None:
-    (sentence,) = said(injected(chain(name), fault)).faults
+    (sentence,) = sentences(said(injected(chain(name), fault)).faults)
     assert words in sentence
     assert ("between which the channels do not tell" in sentence) == (name == "one" and fault.kind == "gain")
 
@@ -107,12 +108,12 @@ def test_the_fault_put_in_is_the_one_named(name: str, fault: Fault, words: str) 
 def test_a_wrong_mass_is_said_and_refuses_no_channel() -> None:
     judged = said(injected(chain("light"), Fault("mass", (4,), 1.2)))
     assert judged.faults == ()
-    assert "mass of floor_5: 1.2" in judged.warnings[0]
+    assert "mass of floor_5: 1.2" in str(judged.warnings[0])
 
 
 def test_every_channel_against_the_command_is_the_commands_polarity() -> None:
     made = chain("soft top")
-    (sentence,) = said(injected(made, Fault("all", tuple(range(5))))).faults
+    (sentence,) = sentences(said(injected(made, Fault("all", tuple(range(5))))).faults)
     assert "command: every channel moves against it" in sentence
 
 
@@ -130,7 +131,7 @@ def test_a_healthy_table_that_is_quick_within_a_sample_is_not_accused(name: str)
 @parametrize_first(1, "name", QUICK)
 @parametrize_first(1, "factor", [0.5, 0.9, 2.0])
 def test_a_wrong_sensitivity_of_a_quick_table_is_named(name: str, factor: float) -> None:
-    (sentence,) = said(injected(quick_chain(name), Fault("gain", (0,), factor))).faults
+    (sentence,) = sentences(said(injected(quick_chain(name), Fault("gain", (0,), factor))).faults)
     told = sentence.split("channel table: reads ")[1]
     assert float(told.split()[0]) == pytest.approx(factor, rel=0.03)
 

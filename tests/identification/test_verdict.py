@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rths_cli.findings import stated
 from rths_cli.identification.results import FitError, Friction, LevelBand, LevelCauses
 from rths_cli.identification.table_fit import Timing, first_fit, fit_error, refit
 from rths_cli.identification.verdict import (
@@ -97,7 +98,7 @@ def test_error_in_the_first_lines_leaves_no_reach() -> None:
 
 def test_bump_below_eleven_hertz_is_a_reason() -> None:
     frf = measured(table(), 0.06 * np.exp(-(((LINES - 9.0) / 0.3) ** 2)))
-    found = judge(table(), FINE, frf, LIMITS, ("a warning",))
+    found = judge(table(), FINE, frf, LIMITS, (stated("a warning"),))
     assert not found.accepted
     assert "fit only up to 8." in found.reasons[0]
     assert found.warnings == ("a warning",)

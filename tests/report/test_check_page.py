@@ -11,6 +11,7 @@ import pytest
 from made_up_check import checked
 
 from rths_cli.experiment.check_command import Checked
+from rths_cli.findings import Finding, stated
 from rths_cli.quantities import METRICS, Interval, intervals_of
 from rths_cli.report.check_page import MARGINS, REACH, as_document, page, pages
 
@@ -155,14 +156,14 @@ def test_an_unstable_loop_has_no_margins_reach_or_error_and_its_reasons_are_all_
 
 
 def test_a_case_without_blocks_is_told_with_its_sentence_alone() -> None:
-    found = replace(checked("unsafe", ("no feedback can be designed",)), metrics={}, warnings=())
+    found = replace(checked("unsafe", ("no feedback can be designed",)), metrics={}, notes=())
     text = page(found)
     assert "unsafe: no feedback can be designed" in text and "stability" not in text
 
 
 def test_a_doubt_that_is_a_reason_is_told_once() -> None:
     doubt = "b.yaml:2:3: structure.numerical.masses_kg: are they in kg?"
-    text = page(replace(checked("unsafe", (doubt, "no room")), warnings=(doubt, "another")))
+    text = page(replace(checked("unsafe", (doubt, "no room")), notes=(stated(doubt), stated("another"))))
     assert text.count("are they in kg") == 1 and "another" in text
 
 
@@ -196,3 +197,14 @@ def test_the_document_is_plain_json_with_units_and_definitions() -> None:
 
 def test_only_safe_ends_well() -> None:
     assert [checked(verdict).exit_code for verdict in ("safe", "unsafe", "unstable")] == [0, 1, 1]
+
+
+def test_json_gives_code_and_values_beside_the_texts() -> None:
+    fault = Finding("loop.delay", {"tolerated_s": 5e-4, "required_s": 1e-3}, ("add_damping",)).at("at.run", run="EXP")
+    found = replace(checked("unsafe"), refusals=(fault,), of_guard=(Finding("guard.unplanned"),))
+    (case,) = as_document([found])["cases"]
+    assert case["reasons"] == [case["findings"][0]["text"]] and case["guard"] == [case["findings"][2]["text"]]
+    assert [one["severity"] for one in case["findings"]] == ["refuses", "notes", "notes"]
+    first = case["findings"][0]
+    assert first["values"] == {"tolerated_s": 5e-4, "required_s": 1e-3} and first["advice"] == ["add_damping"]
+    assert [where["values"] for where in first["within"]] == [{"run": "EXP"}]

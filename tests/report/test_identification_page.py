@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from made_up_identification import ABOUT, MODEL, NAN, PAPER, identification, specimen
 
 from rths_cli.experiment.identify_command import About
+from rths_cli.findings import stated
 from rths_cli.identification.results import Candidate, ChannelReport, LevelBand, LevelCauses, Verdict
 from rths_cli.identification.verdict import agree, roots_given
 from rths_cli.report.identification_page import as_document, page, rejected_document, rejected_page
@@ -187,7 +188,7 @@ def test_data_that_allow_no_model():
         "verdict                 rejected: channel table: dead, check the cable",
         " " * 24 + "rejected: channel floor_2: clipped",
     ]
-    document = json.loads(json.dumps(rejected_document(channels, ("a", "b"), ABOUT), allow_nan=False))
+    document = json.loads(json.dumps(rejected_document(channels, (stated("a"), stated("b")), ABOUT), allow_nan=False))
     assert document["accepted"] is False and document["reasons"] == ["a", "b"]
     assert document["channels"][0]["coherence"] is None and document["channels"][1]["rms_m_s2"] == 2.9
 
@@ -205,7 +206,7 @@ def unknown():
         candidates=(Candidate("one lag", 7, 4, NAN, chosen=True),),
         roots=roots_given(MODEL),
         channels=(ChannelReport("table", 2.0, 7.0, None, NAN), *identification().channels[1:]),
-        verdict=Verdict(False, (0.0, 0.0), 0.00075, NAN, ("too short",), ()),
+        verdict=Verdict(False, (0.0, 0.0), 0.00075, NAN, (stated("too short"),), ()),
     )
 
 

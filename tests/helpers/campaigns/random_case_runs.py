@@ -25,6 +25,7 @@ from rths_cli.experiment.model_choice import IdentifiedModel, Memory
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
+from rths_cli.findings import sentences
 from rths_cli.rigs.virtual.plant import continuous
 
 RAN, REFUSED, STOPPED, CRASHED, WARNED = "ran", "refused", "stopped", "crashed", "warned"
@@ -155,7 +156,7 @@ def _faults(error: RthsError) -> tuple[str, ...]:
 
 def _reasons(known: IdentifiedModel, checked: Verdict) -> tuple[str, ...]:
     """Return why a test is refused, one sentence each: the model's reasons are joined in the verdict."""
-    faults = known.faults(())
+    faults = sentences(known.faults(()))
     model = known.found.reasons if faults else ()
     return (*model, *(reason for reason in checked.reasons if reason not in faults))
 

@@ -1,0 +1,20 @@
+"""Findings: what a computation found that somebody must know, as data, and the one place where their sentences stand.
+
+A bottom package, because result and model files store the sentences and `experiment` writes these files; `report` takes
+findings and sentences as everybody else.
+"""
+
+from rths_cli.findings.catalogue import ADVICE, SENTENCES, WORDS
+from rths_cli.findings.finding import Finding, as_data, from_data, sentences, stated, without_repeats
+
+__all__ = [
+    "ADVICE",
+    "SENTENCES",
+    "WORDS",
+    "Finding",
+    "as_data",
+    "from_data",
+    "sentences",
+    "stated",
+    "without_repeats",
+]

@@ -1,0 +1,74 @@
+"""Generate docs/reference/findings.md from the catalogue of findings."""
+
+from __future__ import annotations
+
+import re
+from itertools import groupby
+
+from rths_cli.findings import ADVICE, SENTENCES, WORDS
+from rths_cli.findings.wording import SCALES
+
+HEAD = """# Every finding and its sentence
+
+This page is made from `rths_cli/findings/catalogue.py`, the one place where these sentences are written. What a check,
+an identification or a run finds is a code with values and advice; its sentence is what the pages print and what result
+and model files store. `--json` of `rths check` and `rths identify` gives both, in `findings`: `code`, `severity`,
+`values`, `advice`, `text`, and `within` where the finding holds in a part only (codes that begin with `at`).
+
+A finding `refuses` a run or a model, `warns` of what may make a result wrong, or `notes` what else is worth knowing;
+one that `explains` is a value of another. Below stands the usual severity, in JSON that of the case at hand.
+In the sentences below a name in code stands for the value of that name. Values are in SI units, whatever unit the
+sentence prints: the name ends in the unit; without one the value is a text, a ratio, a count, or in the `units` beside
+it. A number that is not finite is `null`. A part in brackets is left out where it does not apply; behind a bar stands
+what is said instead. Codes and names of values stay; sentences may change.
+"""
+GROUPS = {
+    "at": "Where a finding holds",
+    "calibration": "Calibration",
+    "cause": "Causes, told in another finding",
+    "channel": "One channel",
+    "channels": "Several channels",
+    "command": "The command",
+    "delay": "The delay",
+    "excitation": "The excitation",
+    "free_vibration": "The free vibration",
+    "friction": "Friction of the table",
+    "guard": "The guard's limits in a run",
+    "level": "The level of the motion",
+    "loop": "The loop",
+    "model": "The identified model",
+    "record": "The record",
+    "remedy": "Remedies, told in another finding",
+    "root": "Poles and zeros, told in another finding",
+    "run": "A run",
+    "session": "What changed since the identification",
+    "specimen": "The specimen",
+    "stated": "Sentences without a code",
+    "suspect": "A single fault that would explain the channels",
+    "table": "The table",
+    "true_error": "The true error",
+    "verification": "A model file against the rig as it is",
+}
+FIELD = re.compile(r"\{(\w+)(?:!\w)?(?::([^}]*))?\}")
+
+
+def findings_page() -> str:
+    """Return the page as Markdown: a list per group of codes, then advice and words."""
+    parts = [HEAD.rstrip()]
+    for group, codes in groupby(sorted(SENTENCES), key=lambda code: code.partition(".")[0]):
+        parts += ["", f"## {GROUPS[group]}", "", *(_line(code) for code in codes)]
+    parts += ["", "## Advice", "", *(f"- `{code}`: {text}" for code, text in sorted(ADVICE.items()))]
+    parts += ["", "## Words of values", "", *(f"- `{code}`: {text}" for code, text in sorted(WORDS.items()))]
+    return "\n".join(parts) + "\n"
+
+
+def _line(code: str) -> str:
+    sentence = SENTENCES[code]
+    severity = "" if sentence.severity == "at" else f" ({sentence.severity})"
+    return f"- `{code}`{severity}: {FIELD.sub(_shown, sentence.text)}"
+
+
+def _shown(field: re.Match[str]) -> str:
+    """Return a value as the page names it, with the unit in which the sentence prints it."""
+    _, _, unit = (field[2] or "").partition(" ")
+    return f"`{field[1]}` {unit}" if unit in SCALES else f"`{field[1]}`"

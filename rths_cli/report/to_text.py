@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
 
-from rths_cli.report.document import Block, Document, Fixed, Line, Row, Section, Table, Verdict, runs
+from rths_cli.report.document import Block, Document, Line, Row, Section, Table, Verdict, runs
 
 WIDTH = 100  # largest number of columns of a line, unless `laid_out_in` says another
 _COLUMNS = ContextVar("columns", default=WIDTH)
@@ -49,8 +49,6 @@ def section_lines(section: Section) -> list[str]:
 
 
 def _block_lines(block: Block) -> list[str]:
-    if isinstance(block, Fixed):
-        return block.text.split("\n")
     if isinstance(block, Line):
         return _line_lines(block)
     title = wrapped(block.title) if block.title else []

@@ -61,7 +61,7 @@ def _pipe_table(table: Table) -> Iterator[str]:
     for row in table.rows:
         if row.cells:
             yield _pipes([row.label, *spread(row.cells)])
-        elif row is not RULE:
+        elif row != RULE:
             yield f"| **{in_markdown(row.label)}** |" + " |" * len(table.columns)
 
 
@@ -120,7 +120,7 @@ def _long_table(table: Table) -> Iterator[str]:
     for row in table.rows:
         if row.cells:
             yield _tex_row(row, number)
-        elif row is RULE:
+        elif row == RULE:
             yield r"\midrule"
         else:
             yield rf"\addlinespace \multicolumn{{{columns + 1}}}{{@{{}}l}}{{\textit{{{in_latex(row.label)}}}}}\\"

@@ -53,7 +53,7 @@ def table(shown: Table) -> Html:
     Its class is "texts" if all columns hold words, else "figures" (right-aligned numbers).
     """
     heads = (_row("th", row, shown) for row in shown.headings())
-    rows = (_row("td", row, shown) for row in shown.rows if row is not RULE)
+    rows = (_row("td", row, shown) for row in shown.rows if row != RULE)
     title = typeset(shown.title)
     about = {"class": "texts" if all(column.words for column in shown.columns) else "figures"}
     about |= {"aria-label": title} if title else {}

@@ -28,10 +28,11 @@ from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.files.stored_case import stored_case
 from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.report.case_metric_tables import CAUSES
-from rths_cli.report.document import Block, Column, Document, Fixed, Line, Table, Verdict, by_columns
+from rths_cli.report.document import Block, Column, Document, Line, Table, Verdict, by_columns
 from rths_cli.report.numbers import three
 from rths_cli.report.result_scale import scale_lines
-from rths_cli.report.results_by_case import TABLE_RUNS, judge
+from rths_cli.report.results_by_case import RUN_NAMES, TABLE_RUNS, judge
+from rths_cli.report.results_by_case import status as result_status
 from rths_cli.report.to_text import WIDTH, laid_out_in, text, width, wrapped
 
 MOST_STOREYS = 5  # of which all are shown; of taller buildings the three that drift most, and the roof
@@ -41,8 +42,7 @@ LEAST_LINES_OF_NOTES = 4
 MOST_NAMES = 3  # of cases before a note
 OFF_PEAK = 0.10  # of SIM's: a peak of EXP-RTHS that is farther off is told
 MOST_DEVIATIONS = 4  # of the specimen from what it is compared with, before the others are counted
-NAMES = {"exp_rths": "EXP-RTHS", "sim": "SIM"}  # whose response is shown: the first that there is
-RESPONSES = tuple(NAMES)
+RESPONSES = ("exp_rths", "sim")  # the first that there is is shown
 USUAL = asdict(GradeLimits())
 OF_DECLARATION = "specimen other than declared"  # begins the cause by which the declaration is off
 IF_DECLARED = "if sensors and masses are as declared"
@@ -146,7 +146,7 @@ def _told_notes(results: Sequence[Result], room: int, whole: bool) -> list[Block
             lines[place] = _cut(lines[place], max(room - 1 - others, 1))
         more = f", {left} more left out" if left else ""
         lines.append(wrapped(f"(notes shortened{more}; rths run --full prints them whole)", 2))
-    return [Fixed("\n".join(note)) for note in lines]
+    return [Line(line) for note in lines for line in note]
 
 
 def _cut(lines: list[str], most: int) -> list[str]:
@@ -208,7 +208,7 @@ def _comparison(results: Sequence[Result], whole: bool) -> list[Block]:
     """Return the comparison of several results, and a sentence for each that has no grade."""
     names, grades = [result.path.stem for result in results], [grade(result) for result in results]
     runs = dict.fromkeys(run for result in results if (run := _shown_run(result)))
-    true, peaks = ("true error",), (f"peaks in {' or '.join(NAMES[run] for run in runs)}",)
+    true, peaks = ("true error",), (f"peaks in {' or '.join(RUN_NAMES[run] for run in runs)}",)
     columns: list[tuple[Column, Sequence[str]]] = [
         (Column("grade"), [Verdict(_end(one, found)) for one, found in zip(results, grades, strict=True)]),
         (Column("95 % bound", true, "% of SIM"), [three(found.percent) if found else "-" for found in grades]),
@@ -251,7 +251,7 @@ def _has_published(result: Result) -> bool:
 
 def _end(result: Result, found: Grade | None) -> str:
     """Return the grade in a word, else how the result ended."""
-    status = _ended(result, "exp_rths") or str(result.attributes.get("status", COMPLETE))
+    status = _ended(result, "exp_rths") or result_status(result)
     if found:
         reserved = reservations(result)
         first = reserved[0].split()[1] if reserved else found.grade  # overridden, doubtful
@@ -299,7 +299,7 @@ def grade_limits(result: Result) -> GradeLimits:
 
 def verdict(result: Result) -> str:
     """Return the sentences that say whether the test can be trusted, and by which limits."""
-    status = str(result.attributes.get("status", COMPLETE))
+    status = result_status(result)
     found = grade(result)
     if found is None:
         return _without_grade(result, status)
@@ -482,7 +482,7 @@ def _without_grade(result: Result, status: str) -> str:
         table = str(result.attributes.get("shake_table_status_reason") or "")
         before = f"; before it {table}" if _ended(result, "shake_table") == "aborted" and table not in reason else ""
         return f"{word.upper()}: {reason.removeprefix('EXP-RTHS refused, ')}{before}"
-    labels = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "the shake-table test"}
+    labels = RUN_NAMES | {"shake_table": "the shake-table test"}
     done = [label for group, label in labels.items() if group in result.groups]
     return f"NO HYBRID TEST: the case asks for {' and '.join(done) or 'nothing'} alone."
 
@@ -514,7 +514,7 @@ ERROR = ("RMS error of acceleration",)
 
 def _shown_run(result: Result) -> str:
     """Return the run whose response is shown, "" if there is none."""
-    return next((run for run in NAMES if f"{run}.peak_abs_accel_m_s2" in result.metrics), "")
+    return next((run for run in RESPONSES if f"{run}.peak_abs_accel_m_s2" in result.metrics), "")
 
 
 def _table(result: Result) -> Table | None:
@@ -543,7 +543,7 @@ def _response(result: Result, run: str, storeys: Sequence[int]) -> Iterator[tupl
         ("peak_drift_ratio", "drift", "% height", 1e2),
     ):
         if f"{run}.{path}" in result.metrics:
-            column = Column(name, (f"peaks in {NAMES[run]}",), unit)
+            column = Column(name, (f"peaks in {RUN_NAMES[run]}",), unit)
             yield column, _cells(result.metrics[f"{run}.{path}"], storeys, factor)
 
 
@@ -634,7 +634,7 @@ def storeys_with_laws(result: Result) -> str:
         said.append(", ".join([*figures, f"drift at the end {end}", f"work {three(work[storey])} J"]))
         said[-1] = f"storey {storey + 1}: {said[-1]}"
     more = f"; {len(said) - MOST_NAMES} more" if len(said) > MOST_NAMES else ""
-    return f"Storeys with laws ({NAMES[run]}): {'; '.join(said[:MOST_NAMES])}{more}." if said else ""
+    return f"Storeys with laws ({RUN_NAMES[run]}): {'; '.join(said[:MOST_NAMES])}{more}." if said else ""
 
 
 def fidelity(result: Result) -> str:

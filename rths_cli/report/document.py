@@ -1,4 +1,4 @@
-"""What is printed, whatever the format: a document of sections, each of lines, tables and fixed text.
+"""What is printed, whatever the format: a document of sections, each of lines and tables.
 
 The functions that know a subject return these records; `to_text`, `to_html` and `to_files` write them.
 """
@@ -90,14 +90,7 @@ class Table:
         return replace(self, columns=self.columns[first:end], rows=tuple(rows))
 
 
-@dataclass(frozen=True)
-class Fixed:
-    """Text that is laid out already, such as a file."""
-
-    text: str
-
-
-Block = Line | Table | Fixed
+Block = Line | Table
 Section = Sequence[Block]
 Document = Sequence[Section]
 
@@ -147,8 +140,3 @@ def by_columns(corner: str, labels: Sequence[str], columns: Sequence[tuple[Colum
     cells = zip(*(cells for _, cells in columns), strict=True)
     rows = tuple(Row(label, one) for label, one in zip(labels, cells, strict=True))
     return Table(tuple(column for column, _ in columns), rows, corner=corner)
-
-
-def tables_in(document: Document) -> Iterator[Table]:
-    """Yield the tables of a document."""
-    yield from (block for section in document for block in section if isinstance(block, Table))

@@ -12,11 +12,12 @@ from functools import cache
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.result_reader import Result
+from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.quantities import LESS, metric
 from rths_cli.report.document import Column, Line, Row, Section, Table
 from rths_cli.report.input_files import differing
 from rths_cli.report.numbers import six_wide
+from rths_cli.report.results_by_case import status
 from rths_cli.rigs.description import adjective, capabilities_of
 
 COVERED = 0.95  # probability of the confidence interval
@@ -186,7 +187,7 @@ def in_order(found: Iterable[Place]) -> list[Place]:
 
 def complete(results: Sequence[Result]) -> list[Result]:
     """Return the results whose runs ended as planned."""
-    return [result for result in results if result.attributes.get("status", "complete") == "complete"]
+    return [result for result in results if status(result) == COMPLETE]
 
 
 def over_runs(results: Sequence[Result]) -> dict[Place, Statistics]:
@@ -242,8 +243,8 @@ def _mixed(runs: Sequence[Sequence[Result]]) -> str:
 
 
 def _cell(members: Sequence[Result], found: Statistics | None) -> str:
-    ended = [str(result.attributes.get("status", "complete")) for result in members]
-    other = [status for status in ended if status != "complete"]
+    ended = [status(result) for result in members]
+    other = [end for end in ended if end != COMPLETE]
     if found is None:
         return other[0] if other else "-"
     return f"{six_wide(found.mean)}{'*' if other else ''}"
@@ -287,7 +288,7 @@ def _repeats(members: Sequence[Result]) -> Repeats:
     a = members[0].attributes
     virtual = adjective(str(a.get("rig_kind", "")))
     where = f"method {a.get('method', '-')}, {virtual}rig {a.get('rig', '-')}"
-    ends = Counter(str(result.attributes.get("status", "complete")) for result in members)
+    ends = Counter(map(status, members))
     seeds = tuple(dict.fromkeys(value_of(result, "seed") for result in members))
     case = str(a.get("case_name") or "-")
     return Repeats(
@@ -400,7 +401,7 @@ def _case(key: tuple[str, ...], before: Sequence[Result], now: Sequence[Result],
     old, new = over_runs(before), over_runs(now)
     found = [_change(place, old[place].mean, new[place].mean, percent) for place in old if place in new]
     lost = [place for place in old if place not in new and _is_error(place)]
-    ended = {str(result.attributes.get("status", "complete")) for result in now} - {"complete"}
+    ended = set(map(status, now)) - {COMPLETE}
     state = f"{', '.join(sorted(ended))} now" if ended else ""
     if lost:
         state = "; ".join(filter(None, [state, f"{len(lost)} errors of the baseline are missing"]))

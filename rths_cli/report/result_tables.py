@@ -35,6 +35,7 @@ from rths_cli.report.results_by_case import (
     sim_delay_result,
     sources,
     state,
+    status,
 )
 from rths_cli.report.to_text import text
 
@@ -159,10 +160,10 @@ def remarks(cases: Sequence[Entry]) -> list[str]:
     for entry in cases:
         for method, result in entry.results.items():
             name = f"{result.attributes.get('case_name') or '-'} ({method})"
-            status = str(result.attributes.get("status", COMPLETE))
+            end = status(result)
             reason = str(result.attributes.get("status_reason") or "no reason stored")
-            told = reason if status in reason else f"{status}: {reason}"
-            lines += [f"{name}: {told}"] if status != COMPLETE else []
+            told = reason if end in reason else f"{end}: {reason}"
+            lines += [f"{name}: {told}"] if end != COMPLETE else []
             lines += [f"{name}: {text}" for text in _divergences(result)]
         lines += _other_sim_delay(entry)
     return lines

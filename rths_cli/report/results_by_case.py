@@ -28,7 +28,8 @@ PUBLISHED = "published"
 DAMPINGS = ("low", "high")
 CONTROLLERS = ("FF", "FF+FB", "none")
 DIVERGED = "diverged"
-TABLE_RUNS = ("shake_table", "exp_rths")
+TABLE_RUNS, COMPUTED_RUNS = ("shake_table", "exp_rths"), ("sim", "sim_delay")
+RUN_NAMES = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "shake table test", "exp_rths": "EXP-RTHS"}
 SIM_DELAY_ERROR, EXP_ERROR = "sim_delay.rms_error_m_s2", "exp_rths.rms_error_m_s2"
 UNFINISHED = "*"  # mark of a metric whose run did not end as planned
 SHORT = {"interrupted": "halted"}  # in a narrow column
@@ -155,17 +156,22 @@ def state(result: Result | None, path: str, index: int | None = None) -> float |
     return SHORT.get(end, end) if end != COMPLETE else "-"
 
 
+def status(result: Result) -> str:
+    """Return how the runs of a result ended."""
+    return str(result.attributes.get("status", COMPLETE))
+
+
 def run_state(result: Result, path: str) -> str:
     """Return the status of the run of a metric; COMPLETE for computed metrics.
 
     A result of an earlier version has one status for all table runs, that of the first one that did not reach its end.
     """
-    status, run = str(result.attributes.get("status", COMPLETE)), path.partition(".")[0]
-    if status == COMPLETE or run not in TABLE_RUNS:
+    whole, run = status(result), path.partition(".")[0]
+    if whole == COMPLETE or run not in TABLE_RUNS:
         return COMPLETE
     told = {name: result.attributes[f"{name}_status"] for name in TABLE_RUNS if f"{name}_status" in result.attributes}
-    end = str(told.get(run, COMPLETE if told else status))
-    return status if end == BEGUN else end
+    end = str(told.get(run, COMPLETE if told else whole))
+    return whole if end == BEGUN else end
 
 
 def mark(result: Result | None, path: str) -> str:

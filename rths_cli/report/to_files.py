@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator
 
-from rths_cli.report.document import RULE, Block, Document, Fixed, Line, Row, Section, Table, runs, spread
+from rths_cli.report.document import RULE, Block, Document, Line, Row, Section, Table, runs, spread
 
 SPECIAL = re.compile(r"([\\`*_\[\]<>|#~$])")  # in Markdown
 HEAD = r"""% Tables of hybrid simulations. The preamble needs: \usepackage{booktabs,longtable,array}
@@ -49,9 +49,6 @@ def _markdown(section: Section) -> Iterator[str]:
             yield "\n".join(_pipe_table(block))
             if block.notes:
                 yield "\n".join(f"- {in_markdown(note)}" for note in block.notes)
-        elif isinstance(block, Fixed):
-            fence = "`" * max(3, 1 + max((len(run) for run in re.findall(r"`+", block.text)), default=0))
-            yield f"{fence}text\n{block.text}\n{fence}"
 
 
 def _labelled(line: Line) -> str:
@@ -64,7 +61,7 @@ def _pipe_table(table: Table) -> Iterator[str]:
     for row in table.rows:
         if row.cells:
             yield _pipes([row.label, *spread(row.cells)])
-        elif row is not RULE:
+        elif row != RULE:
             yield f"| **{in_markdown(row.label)}** |" + " |" * len(table.columns)
 
 
@@ -100,10 +97,8 @@ def _latex(block: Block) -> Iterator[str]:
     if isinstance(block, Table):
         yield "\n".join(_long_table(block))
         yield "\n".join([*(rf"\noindent {in_latex(note)}\par" for note in block.notes), ""])
-    elif isinstance(block, Line):
-        yield rf"\noindent {in_latex(_labelled(block).strip())}\par" + "\n"
     else:
-        yield "\n".join([*(rf"\noindent\texttt{{{in_latex(line)}}}\par" for line in block.text.splitlines()), ""])
+        yield rf"\noindent {in_latex(_labelled(block).strip())}\par" + "\n"
 
 
 def _long_table(table: Table) -> Iterator[str]:
@@ -125,7 +120,7 @@ def _long_table(table: Table) -> Iterator[str]:
     for row in table.rows:
         if row.cells:
             yield _tex_row(row, number)
-        elif row is RULE:
+        elif row == RULE:
             yield r"\midrule"
         else:
             yield rf"\addlinespace \multicolumn{{{columns + 1}}}{{@{{}}l}}{{\textit{{{in_latex(row.label)}}}}}\\"

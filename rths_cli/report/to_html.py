@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 
 from rths_cli.quantities.declaration import typeset
-from rths_cli.report.document import RULE, Block, Fixed, Row, Section, Table, runs
+from rths_cli.report.document import RULE, Block, Row, Section, Table, runs
 
 UNSEEN = dict.fromkeys((*range(9), 11, 12, *range(14, 32), 127, *range(0xD800, 0xE000)), "�")
 IN_SCRIPT = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
@@ -53,7 +53,7 @@ def table(shown: Table) -> Html:
     Its class is "texts" if all columns hold words, else "figures" (right-aligned numbers).
     """
     heads = (_row("th", row, shown) for row in shown.headings())
-    rows = (_row("td", row, shown) for row in shown.rows if row is not RULE)
+    rows = (_row("td", row, shown) for row in shown.rows if row != RULE)
     title = typeset(shown.title)
     about = {"class": "texts" if all(column.words for column in shown.columns) else "figures"}
     about |= {"aria-label": title} if title else {}
@@ -77,15 +77,13 @@ def _row(kind: str, row: Row, shown: Table) -> Html:
 
 
 def blocks(section: Section) -> Html:
-    """Return a section: its tables, sentences as paragraphs, text that is laid out already."""
+    """Return a section: its tables, and sentences as paragraphs."""
     return join(_block(block) for block in section)
 
 
 def _block(block: Block) -> Html:
     if isinstance(block, Table):
         return table(block)
-    if isinstance(block, Fixed):
-        return element("pre", block.text)
     told = block.text if block.label is None else f"{block.label} {block.text}".strip()
     return classed("p", "note", told) if told else Html("")
 

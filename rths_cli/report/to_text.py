@@ -11,12 +11,13 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
 
-from rths_cli.report.document import Block, Document, Fixed, Line, Row, Section, Table, Verdict, runs
+from rths_cli.report.document import Block, Document, Line, Row, Section, Table, Verdict, runs
 
 WIDTH = 100  # largest number of columns of a line, unless `laid_out_in` says another
 _COLUMNS = ContextVar("columns", default=WIDTH)
 LABEL = 24  # columns of a label and the space behind it
 GAPS = (2, 1)  # before a column, where the table fits so
+NARROWEST_LABEL = 6  # of a table one of whose cells has no room on the page
 LABEL_SHARE = 3  # labels of a table that is too wide are wrapped to one part of the page of so many
 MARKS = "\x0e", "\x0f"  # around a verdict, where a terminal colours it
 _MARKED = ContextVar("marked", default=False)
@@ -49,8 +50,6 @@ def section_lines(section: Section) -> list[str]:
 
 
 def _block_lines(block: Block) -> list[str]:
-    if isinstance(block, Fixed):
-        return block.text.split("\n")
     if isinstance(block, Line):
         return _line_lines(block)
     title = wrapped(block.title) if block.title else []
@@ -84,12 +83,11 @@ def table_lines(table: Table) -> list[str]:
     labels = [table.corner, *(row.label for row in table.rows if row.cells)]
     longest, word = max(map(len, labels)), max((len(word) for label in labels for word in label.split()), default=0)
     least = min(longest, max(min(word, room // 2), room // LABEL_SHARE))
-    for label in (longest, least):
-        for gap in GAPS:
-            if label + _wide(table, gap) <= room:
-                return _part_lines(table, min(longest, room - _wide(table, gap)), gap)
-    parts = _parts(table, room - least)
-    return [line for part in parts for line in _part_lines(part, min(longest, room - _wide(part, GAPS[0])), GAPS[0])]
+    parts, gap = [table], next((g for label in (longest, least) for g in GAPS if label + _wide(table, g) <= room), 0)
+    if not gap:
+        parts, gap = [*_parts(table, room - least)], GAPS[0]
+    labels_of = (max(min(longest, room - _wide(part, gap)), min(longest, NARROWEST_LABEL)) for part in parts)
+    return [line for part, label in zip(parts, labels_of, strict=True) for line in _part_lines(part, label, gap)]
 
 
 def _with_room_for_marks(table: Table) -> Table:
@@ -145,7 +143,7 @@ def _part_lines(table: Table, label: int, gap: int) -> list[str]:
         if not row.cells:
             heads = textwrap.wrap(row.label, total - len(bar))
             return [f"{line:<{total - len(bar)}}{bar}" for line in heads] if row.label else rule
-        first, *more = textwrap.wrap(row.label, label, break_on_hyphens=False) or [""]
+        first, *more = textwrap.wrap(row.label, max(label, 1), break_on_hyphens=False) or [""]
         blank: list[str] = [""] * len(widths)
         made = [(first, row.cells), *((line, blank) for line in more)]
         return [f"{name:<{label}}{bar}{_cells(table, cells, widths, gap)}" for name, cells in made]

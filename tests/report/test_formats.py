@@ -17,7 +17,7 @@ from made_up import paper_cases, result
 from made_up_files import write
 
 from rths_cli.quantities import Interval
-from rths_cli.report.document import Fixed, Line, spread, tables_in
+from rths_cli.report.document import Line, Table, labelled, spread
 from rths_cli.report.formats.csv_table import tidy
 from rths_cli.report.formats.json_document import document
 from rths_cli.report.input_files import Inputs, Unread, read_inputs
@@ -72,7 +72,7 @@ def test_every_cell_of_every_table_stands_in_markdown_and_latex() -> None:
     pages = {markdown: in_markdown, latex: number}
     for page, spelt in pages.items():
         text = page(shown)
-        for table in tables_in(shown):
+        for table in (block for section in shown for block in section if isinstance(block, Table)):
             for row in table.rows:
                 for cell in spread(row.cells):
                     assert spelt(cell) in text
@@ -102,14 +102,14 @@ def test_numbers_are_typeset() -> None:
     assert (number("-"), number("-0.5"), number("0.0012")) == ("--", "$-$0.5", "0.0012")
 
 
-def test_fixed_text_is_a_block_of_code() -> None:
-    assert "````text\na ``` b\n````" in markdown([[Fixed("a ``` b")]])
-    assert r"\texttt{a \{ b}" in latex([[Fixed("a { b")]])
+def test_a_labelled_line_keeps_its_label() -> None:
+    made = [[labelled("rule", "a { b"), Line("")]]
+    assert "rule a { b  " in markdown(made) and r"\noindent rule a \{ b\par" in latex(made)
 
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="LaTeX is not installed")
 def test_latex_compiles(tmp_path: Path) -> None:
-    (tmp_path / "tables.tex").write_text(latex([*tables(troubled()), [Fixed("a { b ~ c")]]))
+    (tmp_path / "tables.tex").write_text(latex([*tables(troubled()), [Line("a { b ~ c")]]))
     head = r"\documentclass{article}\usepackage[margin=1cm]{geometry}\usepackage{booktabs,longtable,array}"
     (tmp_path / "a.tex").write_text(head + r"\begin{document}\input{tables}\end{document}")
     words = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "a.tex"]

@@ -64,6 +64,12 @@ def test_a_wide_table_without_a_title_goes_on_below_and_leaves_out_what_is_empty
     assert "".join("".join(line.split()[1:]) for line in lines if line.startswith("  row")) == "123456"
 
 
+def test_a_cell_without_room_is_not_cut():
+    with laid_out_in(60):
+        lines = text([[grid([["a label", "said"], ["and its text", "word " * 14 + "end"], ["", "x"]])]]).splitlines()
+    assert any("word word end" in line for line in lines)
+
+
 def test_sections_are_apart_and_a_path_is_whole():
     path = "/" + "folder/" * 20
     made = [[Line("a title"), labelled("file", path), labelled("", "below")], [], [Line("word " * 30)]]

@@ -18,10 +18,9 @@ from rths_cli.files.result_reader import Result, SeriesLeftOut
 from rths_cli.numerics.lti import Array, ComplexArray, Integers
 from rths_cli.report.numbers import three
 from rths_cli.report.result_scale import series
+from rths_cli.report.results_by_case import TABLE_RUNS
 from rths_cli.rigs.description import capabilities_of
 
-TABLE_RUNS = ("shake_table", "exp_rths")
-COMPUTED_RUNS = ("sim", "sim_delay")
 ACCEL = "abs_accel_m_s2"
 DESIRED = "interface_accel_desired_m_s2"
 MEASURED = "interface_accel_measured_m_s2"

@@ -12,10 +12,11 @@ from rths_cli.numerics.bands import with_test_band
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
 from rths_cli.quantities import DATASETS
 from rths_cli.quantities.declaration import typeset
-from rths_cli.report.figures.figure_data import DESIRED, MEASURED, TABLE_RUNS, NotDrawn, Source, phases
+from rths_cli.report.figures.figure_data import DESIRED, MEASURED, NotDrawn, Source, phases
 from rths_cli.report.figures.panels import ACCELERATION_UNITS, Mark, dress, legend_below, lettered, new_figure
 from rths_cli.report.figures.style import BLACK, GREY, MEASURED_FRF, MODEL, ORANGE, PURPLE, RUNS, TRUE, VERMILLION, Look
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
+from rths_cli.report.results_by_case import TABLE_RUNS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

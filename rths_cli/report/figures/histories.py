@@ -11,10 +11,8 @@ import numpy as np
 from rths_cli.numerics.lti import Array
 from rths_cli.report.figures.figure_data import (
     ACCEL,
-    COMPUTED_RUNS,
     DESIRED,
     MEASURED,
-    TABLE_RUNS,
     NotDrawn,
     Source,
     busiest,
@@ -30,6 +28,7 @@ from rths_cli.report.figures.panels import ACCELERATION, ERROR_UNITS, MM_PER_M, 
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
 from rths_cli.report.figures.style import ESTIMATED, RUNS, SKY, TRUE, VERMILLION, Look
 from rths_cli.report.numbers import three
+from rths_cli.report.results_by_case import COMPUTED_RUNS, TABLE_RUNS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,7 +15,6 @@ from rths_cli.quantities.declaration import typeset
 from rths_cli.report.case_metric_tables import CAUSES
 from rths_cli.report.figures.figure_data import (
     MEASURED,
-    TABLE_RUNS,
     NotDrawn,
     Source,
     chosen_storeys,
@@ -36,6 +35,7 @@ from rths_cli.report.figures.panels import (
     trimmed_ticks,
 )
 from rths_cli.report.figures.style import BLACK, BLUE, GREEN, ORANGE, RUNS, VERMILLION, Look
+from rths_cli.report.results_by_case import TABLE_RUNS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,11 +9,11 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from rths_cli.analysis.grade import Judged
-from rths_cli.files.result_reader import Result
+from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.report.answer import verdict
 from rths_cli.report.group_comparison import WORSE, CaseChanges, told
 from rths_cli.report.input_files import Unread
-from rths_cli.report.results_by_case import judge
+from rths_cli.report.results_by_case import judge, status
 
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
 NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -83,13 +83,13 @@ def _name(result: Result) -> str:
 
 def _tests(result: Result) -> Iterator[Test]:
     """Yield a test for each limit, an error if the run did not end as planned; without limits, one for the run."""
-    status = str(result.attributes.get("status", "complete"))
+    end = status(result)
     reason = str(result.attributes.get("status_reason") or "no reason stored")
-    whole, limits = status == "complete", judge(result)
+    whole, limits = end == COMPLETE, judge(result)
     if not limits:
-        yield Test("run is complete") if whole else Test("run is complete", "error", f"{status}: {reason}")
+        yield Test("run is complete") if whole else Test("run is complete", "error", f"{end}: {reason}")
     for one in limits:
-        yield _test(one) if whole else Test(_limit(one), "error", f"{status}: {reason}")
+        yield _test(one) if whole else Test(_limit(one), "error", f"{end}: {reason}")
 
 
 def _test(one: Judged) -> Test:

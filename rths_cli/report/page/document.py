@@ -32,14 +32,13 @@ from rths_cli.report.page.overview import (
     is_virtual,
     name_of,
     provenance,
-    status,
     summary,
     verdict_table,
 )
 from rths_cli.report.paper_tables import claims_tables
 from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.result_tables import error_tables, legend, remarks
-from rths_cli.report.results_by_case import Entry, entries
+from rths_cli.report.results_by_case import RUN_NAMES, TABLE_RUNS, Entry, entries, status
 from rths_cli.report.sweep_page import below_grid_points, grid_points
 from rths_cli.report.to_html import Html, blocks, classed, data_script, details, element, join, table
 
@@ -53,7 +52,6 @@ TIMES = {
     "compute_s": "step and guard",
 }
 SHARES = {"median": 50.0, "99 %": 99.0, "99.9 %": 99.9, "largest": 100.0}
-TABLES = {"exp_rths": "EXP-RTHS", "shake_table": "shake table test"}
 CAPTIONS = {
     "sweep": "The metric over the varied keys{of}. A cross or an empty cell: a run was refused, aborted or failed.",
     "tornado": "How far each key moves the median: grid points with its smallest and with its largest values{of}. "
@@ -202,7 +200,7 @@ def timing(result: Result) -> Html:
     """Return the durations of the steps on a real rig in microseconds; "" for a virtual rig, which has no clock."""
     if is_virtual(result):
         return Html("")
-    rows = [row for run in TABLES if run in result.groups for row in _timing(result, run)]
+    rows = [row for run in reversed(TABLE_RUNS) if run in result.groups for row in _timing(result, run)]
     if not rows:
         return Html("")
     return table(grid([["loop timing (µs)", *SHARES], *rows]))
@@ -213,14 +211,14 @@ def _timing(result: Result, run: str) -> Iterator[list[str]]:
         values = _noted(result, f"{run}/timing/{name}")
         if values is not None and np.any(np.isfinite(values)):
             shares = np.nanpercentile(values, list(SHARES.values()))
-            yield [f"{TABLES[run]}: {label}", *(f"{1e6 * share:.1f}" for share in shares)]
+            yield [f"{RUN_NAMES[run]}: {label}", *(f"{1e6 * share:.1f}" for share in shares)]
     overruns = result.attributes.get(f"{run}_overruns")
     if overruns is not None:
-        yield [f"{TABLES[run]}: intervals overrun", "", "", "", str(overruns)]
+        yield [f"{RUN_NAMES[run]}: intervals overrun", "", "", "", str(overruns)]
     lost = _noted(result, f"{run}/timing/lost")
     if lost is not None:
         yield [
-            f"{TABLES[run]}: steps without samples, of {lost.size}",
+            f"{RUN_NAMES[run]}: steps without samples, of {lost.size}",
             "",
             "",
             "",

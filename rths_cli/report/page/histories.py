@@ -13,8 +13,8 @@ from rths_cli.quantities import DATASETS
 from rths_cli.quantities.declaration import typeset
 from rths_cli.report.figures.figure_data import Pool, envelope, width_of
 from rths_cli.report.filtered_errors import evaluated_error
-from rths_cli.report.page.overview import RUNS
 from rths_cli.report.result_scale import series_factor
+from rths_cli.report.results_by_case import RUN_NAMES
 
 BUILDINGS = ("sim", "sim_delay", "exp_rths")
 TABLES = ("exp_rths", "shake_table")
@@ -72,7 +72,7 @@ def tables(result: Result) -> Iterator[View]:
                 Chart("Table acceleration", UNIT, time, both),
                 Chart(f"Tracking error, {_band(result)}", ERROR_UNIT, time, (error,)),
             )
-            yield View(RUNS[run], charts)
+            yield View(RUN_NAMES[run], charts)
 
 
 def storeys(result: Result) -> Iterator[View]:
@@ -94,7 +94,7 @@ def storeys(result: Result) -> Iterator[View]:
 
 
 def _storey_charts(result: Result, storey: int, of: dict[str, Array], time: Array) -> Iterator[Chart]:
-    traces = tuple(Trace(RUNS[run], run, values) for run, values in of.items())
+    traces = tuple(Trace(RUN_NAMES[run], run, values) for run, values in of.items())
     yield Chart(f"Absolute acceleration, storey {storey}", UNIT, time, traces)
     errors = tuple(error_trace(result, run, of, time) for run in BUILDINGS[1:] if run in of and "sim" in of)
     if errors:
@@ -113,7 +113,7 @@ def error_trace(result: Result, run: str, of: dict[str, Array], time: Array) -> 
     both = min(of["sim"].size, of[run].size)
     error = of["sim"][:both] - of[run][:both]
     values = MM_PER_M * evaluated_error(result, run, error, _step(time))
-    return Trace(f"SIM - {RUNS[run]}", run, values, run == "exp_rths" or "exp_rths" not in of)
+    return Trace(f"SIM - {RUN_NAMES[run]}", run, values, run == "exp_rths" or "exp_rths" not in of)
 
 
 def record(result: Result) -> Chart | None:

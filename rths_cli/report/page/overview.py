@@ -9,17 +9,16 @@ import numpy as np
 
 from rths_cli.analysis.grade import GOOD as GOOD_TEST
 from rths_cli.analysis.grade import USABLE, Judged
-from rths_cli.files.result_reader import Result
+from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.files.stored_case import stored_case, storey_heights_m
 from rths_cli.numerics.lti import Array
 from rths_cli.report.answer import about, base_shear, grade, not_accepted, storey_table, storeys_with_laws, verdict
 from rths_cli.report.document import grid
-from rths_cli.report.results_by_case import judge
+from rths_cli.report.results_by_case import RUN_NAMES, judge, status
 from rths_cli.report.to_html import Html, classed, details, element, framed, join, table
 from rths_cli.rigs.description import capabilities_of
 
 MET, NOT_MET, NOT_JUDGED = "met", "not met", "not judged"
-RUNS = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "shake table test", "exp_rths": "EXP-RTHS"}
 
 GOOD, BAD, OPEN = "good", "bad", "open"
 JUDGED = {MET: GOOD, NOT_MET: BAD, NOT_JUDGED: OPEN}
@@ -54,23 +53,18 @@ LETTER = 6.2  # width of one
 def missing(result: Result) -> list[str]:
     """Return the runs that the case asks for and the result does not hold."""
     runs = stored_case(result).get("runs") or ()
-    return [RUNS.get(str(run), str(run)) for run in runs if run not in result.groups]
+    return [RUN_NAMES.get(str(run), str(run)) for run in runs if run not in result.groups]
 
 
 def limits(result: Result) -> list[tuple[str, Judged]]:
     """Return the accept limits of a case, each with its verdict: MET, NOT_MET or NOT_JUDGED."""
-    whole = status(result) == "complete"
+    whole = status(result) == COMPLETE
     return [(NOT_JUDGED if not whole else MET if one.met else NOT_MET, one) for one in judge(result)]
 
 
 def is_virtual(result: Result) -> bool:
     """Return whether the rig of a result is virtual."""
     return not capabilities_of(str(result.attributes.get("rig_kind", ""))).moves_hardware
-
-
-def status(result: Result) -> str:
-    """Return the status of a result."""
-    return str(result.attributes.get("status", "complete"))
 
 
 def name_of(result: Result) -> str:
@@ -121,8 +115,8 @@ def _cells(result: Result, heads: Sequence[str]) -> Iterator[Html]:
 def _ending(result: Result) -> Iterator[Html]:
     """Yield status, reason, and requested runs that are missing."""
     end, reason = status(result), str(result.attributes.get("status_reason") or "")
-    yield pill(GOOD if end == "complete" else BAD, end)
-    told = [reason] if reason else ["no reason stored"] if end != "complete" else []
+    yield pill(GOOD if end == COMPLETE else BAD, end)
+    told = [reason] if reason else ["no reason stored"] if end != COMPLETE else []
     absent = missing(result)
     told += [f"missing: {', '.join(absent)}"] if absent else []
     yield from (classed("div", "reason", text) for text in [*told, *_divergences(result)])
@@ -244,7 +238,7 @@ def kind(result: Result) -> str:
     """Return whether a result is good, bad, or neither: the colour of its verdict."""
     found = grade(result)
     if found is None:
-        return OPEN if result.attributes.get("status", "complete") == "complete" else BAD
+        return OPEN if status(result) == COMPLETE else BAD
     if not_accepted(result) or result.attributes.get("status_reason"):
         return BAD
     return GOOD if found.grade == GOOD_TEST else OPEN if found.grade == USABLE else BAD

@@ -43,6 +43,7 @@ OF_THE_MOMENT = re.compile(
     r"|[0-9a-f]{12,}|\d+\.\d+\.\d+ [0-9a-f]{7}\b"
 )
 PROGRESS = ("reading results:", "compiling real-time code", "first run of this version")  # as far as the machine is
+ADDED = ("findings", "findings_entry")  # code and values beside the texts, not in files of earlier commits
 CHANGING = ("created_utc", "git_commit", "command_line", "platform", "package_versions", "rths_version")
 
 
@@ -180,7 +181,13 @@ def compare(before: Path, after: Path, show_texts: bool) -> int:
 def plain(path: Path) -> list[str]:
     """Return the printed lines of a command without times, dates, hashes and the folder's own name."""
     text = path.read_text().replace(str(path.parent.resolve()), "FOLDER")
+    if text.startswith("{"):
+        text = json.dumps(json.loads(text, object_hook=_without_added), indent=2)
     return [OF_THE_MOMENT.sub("#", line) for line in text.splitlines() if not line.startswith(PROGRESS)]
+
+
+def _without_added(members: dict[str, object]) -> dict[str, object]:
+    return {name: value for name, value in members.items() if name not in ADDED}
 
 
 def first_difference(one: list[str], other: list[str]) -> str:
@@ -197,7 +204,8 @@ def compare_hdf5(name: str, one: Path, other: Path, faults: list[str], texts: li
         nodes: list[set[str]] = [set(), set()]
         first.visit(nodes[0].add)
         second.visit(nodes[1].add)
-        faults += [f"{name}: {path} only in one of the two" for path in sorted(nodes[0] ^ nodes[1])]
+        alone = (path for path in sorted(nodes[0] ^ nodes[1]) if path.rpartition("/")[2] not in ADDED)
+        faults += [f"{name}: {path} only in one of the two" for path in alone]
         for path in [*sorted(nodes[0] & nodes[1]), "/"]:
             compare_node(f"{name}: {path}", first[path], second[path], faults, texts)
 
@@ -214,7 +222,7 @@ def compare_node(where: str, one: h5py.Group | h5py.Dataset, other: h5py.Group |
             faults.append(f"{where}: values differ")
     for key in sorted(set(one.attrs) | set(other.attrs)):
         left, right = (node.attrs.get(key) for node in (one, other))
-        if key in CHANGING or key in ("DIMENSION_LIST", "REFERENCE_LIST") or np.array_equal(left, right):
+        if key in (*CHANGING, *ADDED) or key in ("DIMENSION_LIST", "REFERENCE_LIST") or np.array_equal(left, right):
             continue
         if isinstance(left, str) and isinstance(right, str):
             texts.append(f"{where}@{key}: {left!r} -> {right!r}")

@@ -129,16 +129,25 @@ def shown(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def refusal(sentence: str, kind: str = "fault") -> PydanticCustomError:
-    """Return the error a validator raises; the sentence is no template, braces in it stay as they are."""
-    return PydanticCustomError(kind, "{text}", {"text": sentence})  # type: ignore[arg-type]
+def refusal(sentence: str, kind: str = "fault", meant: Sequence[str] = ()) -> PydanticCustomError:
+    """Return the error a validator raises; the sentence is no template, braces in it stay as they are. `meant`: the
+    keys that an unknown one may have meant."""
+    return PydanticCustomError(kind, "{text}", {"text": sentence, "meant": tuple(meant)})  # type: ignore[arg-type]
 
 
 def near(name: str, known: Iterable[str]) -> str:
     """Return `; did you mean ...?` or the list of what exists, as the end of a sentence."""
     names = sorted(known)
+    return _suggested(_like(name, names), names)
+
+
+def _like(name: str, names: Sequence[str]) -> list[str]:
+    """Return up to three of the names that are like one."""
     matches = difflib.get_close_matches(name[:80], names, n=3, cutoff=0.6)
-    matches = matches or [one for one in names if len(name) >= LEAST_PART and name.casefold() in one][:3]
+    return matches or [one for one in names if len(name) >= LEAST_PART and name.casefold() in one][:3]
+
+
+def _suggested(matches: Sequence[str], names: Sequence[str]) -> str:
     if matches:
         return f"; did you mean {' or '.join(matches)}?"
     return f"; known: {', '.join(names)}" if names else "; there is none"
@@ -185,18 +194,21 @@ def same_length(data: Mapping[str, Any], key: str, count: int | None, of: str) -
         yield (key,), f"must have one entry per {of}, {count} in all, got {len(values)}"
 
 
-def _detail(kind: str, loc: tuple[int | str, ...], message: str) -> InitErrorDetails:
-    return InitErrorDetails(type=refusal(message, kind), loc=loc, input=None)
+def _detail(kind: str, loc: tuple[int | str, ...], message: str, meant: Sequence[str] = ()) -> InitErrorDetails:
+    return InitErrorDetails(type=refusal(message, kind, meant), loc=loc, input=None)
 
 
 def _in_words(cls: type[Strict], error: ErrorDetails) -> InitErrorDetails:
     """Return pydantic's error as a sentence; errors of models below were put into words there."""
     kind, loc = error["type"], error["loc"]
     if kind in ("fault", "unknown_key"):
-        return _detail(kind, loc, error["msg"])
+        return _detail(kind, loc, error["msg"], error.get("ctx", {}).get("meant", ()))
     if kind == "extra_forbidden":
         key = str(loc[-1])
-        return _detail("unknown_key", loc, cls.elsewhere.get(key) or "unknown key" + _near_key(key, cls))
+        if key in cls.elsewhere:
+            return _detail("unknown_key", loc, cls.elsewhere[key])
+        meant = _meant_keys(key, cls)
+        return _detail("unknown_key", loc, f"unknown key{_suggested(meant, sorted(cls.model_fields))}", meant)
     if kind == "missing":
         return _detail("fault", loc, MISSING.get(str(loc[-1])) or f"is missing; add {loc[-1]}")
     if kind == "too_short" and error.get("ctx", {}).get("min_length") == 1:
@@ -215,12 +227,10 @@ def _counts_faulty_entries(error: ErrorDetails) -> bool:
     return error["type"] == "too_short" and isinstance(given, list | tuple) and len(given) >= error["ctx"]["min_length"]
 
 
-def _near_key(key: str, cls: type[Strict]) -> str:
-    """Return the end of a sentence on an unknown key: keys like it, that key inside another one, or what is known."""
-    found = near(key, cls.model_fields)
-    paths = dict.fromkeys(path for path in dotted_keys(cls) if path.split(".")[-1] == key)
-    inside = [] if "did you mean" in found else list(paths)
-    return f"; did you mean {' or '.join(inside[:3])}?" if inside else found
+def _meant_keys(key: str, cls: type[Strict]) -> list[str]:
+    """Return what an unknown key may have meant: keys like it, or that key inside another one."""
+    inside = dict.fromkeys(path for path in dotted_keys(cls) if path.split(".")[-1] == key)
+    return _like(key, sorted(cls.model_fields)) or list(inside)[:3]
 
 
 def dotted_keys(cls: type[Strict], above: str = "", depth: int = 2) -> Iterator[str]:

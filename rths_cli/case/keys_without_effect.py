@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
 from rths_cli.case.case_schema import RUNS, Case
+from rths_cli.findings import Finding
 
 TABLE_RUNS = ("shake_table", "exp_rths")
 LABELS = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "the shake-table test", "exp_rths": "EXP-RTHS"}
@@ -82,8 +83,8 @@ def _automatic(case: Case, key: str) -> bool:
     return value == "automatic"
 
 
-def sentence(case: Case) -> str:
-    """Return a warning that names the keys which the case states and its runs do not read, "" if all are read.
+def unread_keys(case: Case) -> Finding | None:
+    """Return a warning that names the keys which the case states and its runs do not read, None if all are read.
 
     SIM-DELAY of the identified building is a part of the check of EXP-RTHS.
     """
@@ -93,5 +94,5 @@ def sentence(case: Case) -> str:
     reasons: dict[str, list[str]] = {}
     for key, why in found.items():
         reasons.setdefault(why, []).append(key)
-    told = "; ".join(f"{', '.join(keys)} ({why})" for why, keys in reasons.items())
-    return f"without effect here: {told}" if told else ""
+    told = tuple(f"{', '.join(keys)} ({why})" for why, keys in reasons.items())
+    return Finding("case.without_effect", {"keys": told}) if told else None

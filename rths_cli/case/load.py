@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 from yaml import YAMLError
 
 from rths_cli.case.case_schema import Case, CaseKeys
@@ -200,7 +201,7 @@ def load_study(path: Path) -> tuple[StudyKeys, dict[str, str]]:
             study = StudyKeys.model_validate(plain(tree))
         except ValidationError as error:
             unread = {(fault.mark.line, fault.mark.column) for fault in faults}  # told once
-            found = [_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
+            found = [_fault(tree, entry) for entry in error.errors()]
             faults = [*faults, *(one for one in found if (one.mark.line, one.mark.column) not in unread)]
     if tree is None or study is None or faults:
         faults = sorted(faults, key=lambda fault: (fault.mark.line, fault.mark.column))
@@ -289,7 +290,7 @@ def _load_file(path: Path, kind: str, check: Callable[[Any], Read]) -> Read:
         try:
             return check(plain(node))
         except ValidationError as error:
-            faults = [_fault(node, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
+            faults = [_fault(node, entry) for entry in error.errors()]
     faults = sorted(faults, key=lambda fault: (fault.mark.line, fault.mark.column))
     raise InputError(*dict.fromkeys(str(fault) for fault in faults))
 
@@ -396,7 +397,7 @@ def _validate(tree: Node, lost: set[str], path: Path, text: str, unexpanded: Nod
     try:
         keys = CaseKeys.model_validate(plain(tree))
     except ValidationError as error:
-        faults = [_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
+        faults = [_fault(tree, entry) for entry in error.errors()]
         wrong = [fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost]
         return None, _first_of_each_value(wrong)
     table = keys.table.model_copy(update={"limits": keys.table.limits.tightened(keys.limits)})
@@ -426,8 +427,9 @@ def _rig_file(tree: Node, case: Path) -> Path | None:
     return None if path == case else path
 
 
-def _fault(tree: Node, kind: str, loc: tuple[int | str, ...], message: str) -> Fault:
+def _fault(tree: Node, entry: ErrorDetails) -> Fault:
     """Return a fault with the place of its location: the value, or for an unknown key the key."""
+    kind, loc, message, meant = entry["type"], entry["loc"], entry["msg"], entry.get("ctx", {}).get("meant", ())
     node, path, key_found = tree, "", True
     for part in loc:
         if isinstance(part, str) and isinstance(node.value, dict):
@@ -446,22 +448,19 @@ def _fault(tree: Node, kind: str, loc: tuple[int | str, ...], message: str) -> F
     if kind == "unknown_key" and mark.line and (odd := odd_space_in(name)):
         return Fault(replace(mark, column=mark.column + odd[0]), path, odd[1])
     if kind == "unknown_key" and not mark.line:
-        message = _as_typed(message, path, mark.source.label)
-    return Fault(mark, path, with_advice(name, message))
+        message = _as_typed(message, path, mark.source.label, meant)
+    return Fault(mark, path, with_advice(name, message), tuple(meant))
 
 
-def _as_typed(message: str, path: str, label: str) -> str:
-    """Return the sentence on an unknown key of the command line with whole paths in what it may have meant.
+def _as_typed(message: str, path: str, label: str, meant: Sequence[str]) -> str:
+    """Return the sentence on an unknown key of the command line with whole paths of the keys that it may have `meant`.
 
     `label` is what was typed (`--set physics.coulomb_n`), `path` the unknown key (`physics`).
     """
-    told, meant, names = message.partition("did you mean ")
-    if not meant:
-        return message
     above, typed = path.rpartition(".")[0], label.rpartition(" ")[2]
     below = typed.removeprefix(path) if typed.startswith(f"{path}.") else ""
-    whole = [f"{join(above, name)}{below}" for name in names.removesuffix("?").split(" or ")]
-    return f"{told}{meant}{' or '.join(whole)}?"
+    whole = " or ".join(f"{join(above, name)}{below}" for name in meant)
+    return message.replace(" or ".join(meant), whole) if meant else message
 
 
 def _first_of_each_value(faults: Sequence[Fault]) -> list[Fault]:
@@ -473,11 +472,7 @@ def _first_of_each_value(faults: Sequence[Fault]) -> list[Fault]:
     first: dict[tuple[Mark, str], Fault] = {}
     kept = []
     unknown = [fault for fault in faults if fault.message.startswith("unknown key")]
-    meant = {
-        join(fault.key.rpartition(".")[0], name)
-        for fault in unknown
-        for name in fault.message.partition("did you mean ")[2].removesuffix("?").split(" or ")
-    }
+    meant = {join(fault.key.rpartition(".")[0], name) for fault in faults for name in fault.meant}
     typed = {fault.mark for fault in unknown if not fault.mark.line}
     for fault in faults:
         if fault.message.startswith("is missing") and fault.key in meant:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import BaseModel
 
+from rths_cli.findings import Finding
+
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
 
@@ -80,29 +82,28 @@ class Comparison:
         return min(fitting, key=lambda one: abs(log(self.ratio / one[0] ** self.power) - middle), default=None)
 
     @property
-    def sentence(self) -> str:
+    def finding(self) -> Finding:
         """Return the doubt: both figures, their ratio, what is usual, the likely slip, and the question."""
-        unit = f" {self.unit}" if self.unit else ""
-        named = f" ({', '.join(self.others)})" if self.others else ""
-        said = f"{self.key}: {self.quantity}{', ' if self.quantity else ''}{self.value:.6g}{unit}"
-        if self.against == f"1{unit}":
-            said += f"; usual is {self._usual.removesuffix(' times')}{unit}"
-        else:
-            said += f" is {self.ratio:.3g} times {self.against}{named}, {self.figure:.3g}{unit}; usual is {self._usual}"
-        if self.suspect:
-            said += f"; {self.suspect} disagrees with others, too"
-        if (slip := self.slip) and (self.quantity or not self.suspect):
-            would = "" if self.quantity else f", {self.value / slip[0]:.4g}{unit} would fit"
-            said += f"; likely a factor of {slip[1]}{would}"
-        return f"{said}: {self.asked or (f'is it in {self.unit}?' if self.unit else 'is it right?')}"
+        usual = {"low": self.low, "high": self.high}
+        if self.low == 0.0:
+            usual = {"at_most": self.high}
+        elif not isfinite(self.high):
+            usual = {"at_least": self.low}
+        slip = self.slip if self.quantity or not self.suspect else None
+        fitting = "would_fit" if self.unit else "fitting_ratio"
+        fits = {} if slip is None or self.quantity else {fitting: self.value / slip[0]}
+        stated = {"key": self.key, "quantity": self.quantity, "value": self.value, "units": self.unit, **usual, **fits}
+        stated |= {"slip": slip[1] if slip else None, "suspect": self.suspect}
+        stated["question"] = self.asked or (f"is it in {self.unit}?" if self.unit else "is it right?")
+        if self.against == f"1 {self.unit}".rstrip():
+            return Finding("units.unusual", stated)
+        compared = {"ratio": self.ratio, "against": self.against, "others": self.others, "expected": self.figure}
+        return Finding("units.doubt", {**stated, **compared})
 
     @property
-    def _usual(self) -> str:
-        if self.low == 0.0:
-            return f"at most {self.high:.3g} times"
-        if not isfinite(self.high):
-            return f"at least {self.low:.3g} times"
-        return f"{self.low:.3g} to {self.high:.3g} times"
+    def sentence(self) -> str:
+        """Return the doubt in words."""
+        return str(self.finding)
 
 
 def reason_of(size: float, unit: str) -> str:

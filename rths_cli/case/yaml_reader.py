@@ -67,11 +67,13 @@ class Mark:
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault: where it is, the dotted key it is about (may be empty), and a sentence."""
+    """One fault: where it is, the dotted key it is about (may be empty), and a sentence; `meant`: the keys that an
+    unknown one may have meant."""
 
     mark: Mark
     key: str
     message: str
+    meant: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         label = self.mark.source.label

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.case.keys_without_effect import sentence
-from rths_cli.experiment.check import ASSUMPTIONS, range_assumption
+from rths_cli.case.keys_without_effect import unread_keys
+from rths_cli.experiment.check import range_assumption
 from rths_cli.experiment.design import is_driven
-from rths_cli.experiment.setup import placed
+from rths_cli.experiment.setup import place_of
 from rths_cli.experiment.unit_plausibility import doubts_building, unit_doubts, unknown_consents
-from rths_cli.findings import Finding, sentences
+from rths_cli.findings import Finding, stated, without_repeats
 from rths_cli.identification.results import LEAST_HELD_OUT
 from rths_cli.structure import modes
 
@@ -27,48 +27,52 @@ MOST_ABOVE_BAND = 0.10  # share of a compressed record's power above the test ba
 BANDWIDTH_SHARE = 0.9  # fraction of the requested bandwidth below which a warning is given
 
 
-def of_case(setup: Setup, identified: Identification | None, design: Design | None) -> tuple[str, ...]:
-    """Return the warnings of a case, one sentence each, on its units, building, identification and controller.
+def of_case(setup: Setup, identified: Identification | None, design: Design | None) -> tuple[Finding, ...]:
+    """Return the warnings of a case, on its units, building, identification and controller.
 
     What speaks against the test comes first, then what the user has to decide, then what the program did by itself.
 
     `identified` None: no table run, hence no identification; `design` None: no blocks.
     """
-    unread, doubts, baseline = sentence(setup.case), unit_doubts(setup), baseline_note(setup)
+    unread = list(filter(None, [unread_keys(setup.case)]))
+    of_building = [stated(note, "notes") for note in setup.building.notes]
+    doubts, baseline = unit_doubts(setup), baseline_note(setup)
     if doubts_building(setup):  # what a wrong unit makes of bands and model tells nobody what to change
-        return tuple(dict.fromkeys((*doubts, *baseline, *([unread] if unread else []), *setup.building.notes)))
+        return without_repeats((*doubts, *baseline, *unread, *of_building))
     found = [*doubts, *unknown_consents(setup), *baseline]
     if identified is not None:
-        found += [*identified.reasons, *sentences(differences(setup, identified))]
+        found += [*identified.verdict.refusals, *differences(setup, identified)]
     found += [
-        *([unread] if unread else []),
-        *setup.building.notes,
+        *unread,
+        *of_building,
         *modes_above_the_bands(setup),
         *record_above_the_band(setup),
         *_coupled_sensors(setup),
     ]
     if setup.building.has_laws and design is not None:
-        found.append(ASSUMPTIONS)
-    if design is not None and (told := range_assumption(setup.case, design.blocks.counters_reaction)):
-        found.append(told)
+        found.append(Finding("assumption.laws"))
+    if design is not None:
+        found += range_assumption(setup.case, design.blocks.counters_reaction)
     if "numerical" in setup.parts:
         found.append(_of_own_storeys(setup))
     if design is not None:
         found += [*slower_feedback(setup, design), *chosen_feedback(design), *chosen_filter(design)]
         found += [*friction_not_countered(setup, design, identified), *reaction_not_countered(design)]
     if identified is not None:
-        found += identified.warnings
-    return tuple(dict.fromkeys(found))
+        found += identified.verdict.notes
+    return without_repeats(found)
 
 
-def baseline_note(setup: Setup) -> tuple[str, ...]:
-    """Return the sentence on the baseline of the record, with file and line, () for a clean record and for one whose
+def baseline_note(setup: Setup) -> tuple[Finding, ...]:
+    """Return the finding on the baseline of the record, with file and line, () for a clean record and for one whose
     baseline the case keeps in so many words."""
-    return () if not setup.baseline or setup.case.record.baseline == "none" else (placed(setup.case, setup.baseline),)
+    if setup.baseline is None or setup.case.record.baseline == "none":
+        return ()
+    return (setup.baseline.at("at.place", place=place_of(setup.case, "record")),)
 
 
-def modes_above_the_bands(setup: Setup) -> list[str]:
-    """Return a sentence where the building's first mode is above the test band, or the specimen's above the compared
+def modes_above_the_bands(setup: Setup) -> list[Finding]:
+    """Return a warning where the building's first mode is above the test band, or the specimen's above the compared
     one: errors and model are then judged where nothing resonates."""
     building, case, parts = setup.building, setup.case, setup.building.specimen
     whole = float(modes(building.M, building.C, building.K)[0][0])
@@ -78,126 +82,85 @@ def modes_above_the_bands(setup: Setup) -> list[str]:
         springs = (
             "natural_frequencies_hz" if case.structure.experimental.natural_frequencies_hz else "stiffness_n_per_m"
         )
-        told.append(
-            f"test_band_hz: errors up to {case.test_band_hz:g} Hz leave out the building's first mode, {whole:.3g} Hz; "
-            f"raise it, or check the units of structure.experimental.{springs}"
-        )
+        values = {"band_hz": case.test_band_hz, "mode_hz": whole, "springs": springs}
+        told.append(Finding("case.mode_above_test_band", values))
     if fixed > highest:
-        told.append(
-            f"identification.compared_hz: the model is compared up to {highest:.3g} Hz, below the specimen's first "
-            f"mode, {fixed:.3g} Hz; raise it, or test_band_hz"
-        )
+        told.append(Finding("case.mode_above_compared_band", {"band_hz": highest, "mode_hz": fixed}))
     return told
 
 
-def record_above_the_band(setup: Setup) -> list[str]:
-    """Return sentences on a model larger than its prototype, and on a record whose compression moved much of its power
+def record_above_the_band(setup: Setup) -> list[Finding]:
+    """Return warnings on a model larger than its prototype, and on a record whose compression moved much of its power
     (integral of the squared acceleration) above the test band."""
     scale, band_hz = setup.similitude, setup.case.test_band_hz
     if scale is None:
         return []
     told = []
     if scale.length < 1.0:
-        told.append(
-            f"scale.length: {scale.length:g} makes the model larger than its prototype; factors are prototype over "
-            f"model, write {1.0 / scale.length:.4g} for a model that is smaller"
-        )
+        told.append(Finding("scale.larger_model", {"length": scale.length, "inverse": 1.0 / scale.length}))
     accel = setup.motion.accel_m_s2
     power = np.abs(np.fft.rfft(accel)) ** 2
     above = float(power[np.fft.rfftfreq(accel.size, setup.motion.dt_s) > band_hz].sum() / power.sum())
     if above > MOST_ABOVE_BAND:
-        told.append(
-            f"scale: the record, compressed in time by {scale.factor('s'):.4g}, has {100.0 * above:.0f} % of its "
-            f"power above the test band, {band_hz:g} Hz, where errors are not judged; raise test_band_hz if the table "
-            "reaches higher, or build a larger model"
-        )
+        values = {"factor": scale.factor("s"), "share": above, "band_hz": band_hz}
+        told.append(Finding("scale.record_above_band", values))
     return told
 
 
-def _of_own_storeys(setup: Setup) -> str:
+def _of_own_storeys(setup: Setup) -> Finding:
     """Return what the result says of a numerical substructure of the caller's own."""
     if not setup.declared:
-        return (
-            "the numerical substructure is the caller's own and declares no building: SIM, SIM-DELAY and errors are "
-            "those of the case's building, and the storeys below the interface are not known (NaN)"
-        )
-    below = "" if setup.building.linear else "; the storeys below the interface are not known (NaN)"
-    return (
-        "the numerical substructure is the caller's own: SIM, SIM-DELAY and errors are those of the building that it "
-        f"declares{below}"
-    )
+        return Finding("parts.no_building")
+    return Finding("parts.own_building", {"nonlinear": not setup.building.linear})
 
 
-def _coupled_sensors(setup: Setup) -> list[str]:
-    """Return a sentence if the step does not correct the accelerometers' AC coupling."""
+def _coupled_sensors(setup: Setup) -> list[Finding]:
+    """Return a warning if the step does not correct the accelerometers' AC coupling."""
     corner = max(channel.high_pass_hz for channel in setup.rig.channels)
     if setup.removes_sensors or corner == 0.0:
         return []
-    return [
-        f"identification.sensor_dynamics: kept leaves the accelerometers' AC coupling ({corner:g} Hz) in the base "
-        "shear, which costs a fifth of SIM-DELAY's error on the default rig; the check does not count it; use removed"
-    ]
+    return [Finding("case.sensor_coupling", {"corner_hz": corner})]
 
 
-def slower_feedback(setup: Setup, design: Design) -> list[str]:
-    """Return a sentence if the bandwidth of the feedback is below the requested one."""
+def slower_feedback(setup: Setup, design: Design) -> list[Finding]:
+    """Return a note if the bandwidth of the feedback is below the requested one."""
     wanted = setup.case.controller.feedback_bandwidth_hz
     if wanted is None or design.feedback is None or design.feedback.bandwidth_hz >= BANDWIDTH_SHARE * wanted:
         return []
-    return [
-        f"controller.feedback_bandwidth_hz: {wanted:g} Hz asked, {design.feedback.bandwidth_hz:.3g} Hz designed: the "
-        "most that the identified band and max_sensitivity permit"
-    ]
+    return [Finding("design.slower_feedback", {"asked_hz": wanted, "designed_hz": design.feedback.bandwidth_hz})]
 
 
-def chosen_feedback(design: Design) -> list[str]:
-    """Return a sentence if the design chose other feedback weights than the default ones."""
+def chosen_feedback(design: Design) -> list[Finding]:
+    """Return a note if the design chose other feedback weights than the default ones."""
     if design.chosen is None:
         return []
     weights = design.chosen.weights
     low, high = weights.disturbance_hz
-    fault = "would leave the loop without the margins that the check asks for"
-    return [
-        f"controller: the usual feedback {fault if design.chosen.usual_of_use else 'is of no use on this table'}; "
-        f"chosen instead: disturbance_hz: [{low:g}, {high:g}], command_weight: {weights.command_weight:g}, "
-        f"max_sensitivity: {design.chosen.max_sensitivity:g}; state disturbance_hz or command_weight to choose yourself"
-    ]
+    chosen = {"low_hz": low, "high_hz": high, "command_weight": weights.command_weight}
+    usual = {"of_use": design.chosen.usual_of_use, "max_sensitivity": design.chosen.max_sensitivity}
+    return [Finding("design.feedback", {**chosen, **usual})]
 
 
-def chosen_filter(design: Design) -> list[str]:
-    """Return a sentence if another filter than the usual one was chosen."""
-    if design.chosen_filter is None:
-        return []
-    q, residual_hz = design.chosen_filter.q, design.chosen_filter.residual_hz
-    return [
-        "kalman: noise and rounding of the samples would be most of the error, so the base shear is taken from the "
-        f"identified specimen more than from the measured floors: q: {q:g}, residual_hz: {residual_hz:.3g}; a specimen "
-        "that changes between identification and test costs more so, and the loop is judged down to 85 % of it"
-        " only; state q, residual_hz or kalman.choice: stated if it may lose more"
-    ]
+def chosen_filter(design: Design) -> list[Finding]:
+    """Return a note if another filter than the usual one was chosen."""
+    chosen = design.chosen_filter
+    return [] if chosen is None else [Finding("design.filter", {"q": chosen.q, "residual_hz": chosen.residual_hz})]
 
 
-def friction_not_countered(setup: Setup, design: Design, identified: Identification | None) -> list[str]:
-    """Return a sentence if friction compensation was asked for and the identification does not show that it helps."""
+def friction_not_countered(setup: Setup, design: Design, identified: Identification | None) -> list[Finding]:
+    """Return a note if friction compensation was asked for and the identification does not show that it helps."""
     asked = is_driven(setup.case) and setup.case.controller.friction_compensation is True
     if not asked or design.blocks.friction_compensation is not None:
         return []
     friction = identified.friction if identified is not None else None
     if friction is None or friction.held_out is None:
-        shown = "the identification holds no low-level record on which it could be tried"
-    else:
-        shown = (
-            f"the identified friction removes {100 * max(friction.held_out, 0.0):.0f} % of what the model leaves of "
-            f"the low-level record, {100 * LEAST_HELD_OUT:.0f} % are needed"
-        )
-    return [f"controller.friction_compensation is off: {shown}"]
+        return [Finding("friction.not_countered")]
+    return [Finding("friction.not_countered", {"removed": max(friction.held_out, 0.0), "needed": LEAST_HELD_OUT})]
 
 
-def reaction_not_countered(design: Design) -> list[str]:
-    """Return a sentence if the reaction of a changed specimen is not countered for a reason that is worth knowing."""
-    if not design.reaction_left:
-        return []
-    return [f"controller.reaction_feedforward: automatic leaves it off: {design.reaction_left}"]
+def reaction_not_countered(design: Design) -> list[Finding]:
+    """Return a note if the reaction of a changed specimen is not countered for a reason that is worth knowing."""
+    return [Finding("reaction.not_countered", {"cause": design.reaction_left})] if design.reaction_left else []
 
 
 def differences(setup: Setup, identified: Identification) -> list[Finding]:

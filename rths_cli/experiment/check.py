@@ -82,20 +82,6 @@ if TYPE_CHECKING:
 
 SOFTEST = 0.01  # of a storey's stiffness at rest: a softer building does not return within a record
 AT_REST = "at rest"
-ASSUMPTIONS = (
-    "structure.numerical.law: the verdicts at rest and at tangents of the laws are indications (a loop that is stable "
-    "at every frozen tangent may still diverge); the evidence is the test with the laws, simulated on the rig as "
-    "identified"
-)
-RANGE_ASSUMPTIONS = (
-    "check.specimen_range: the loop is judged at both ends of the specimen's stiffness, with the table's response as "
-    "identified; a specimen that changes in the test is not simulated"
-)
-REACTION_ASSUMPTIONS = (
-    "controller.reaction_feedforward: the loop is judged at both ends of the specimen's stiffness ({:g} and {:g} of "
-    "the identified one), with a table that moves as the changed reaction makes it; a specimen that changes in the "
-    "test is not simulated"
-)
 REACTION_RANGE = 0.5, 1.0  # judged with a feedforward of the reaction if the case states no specimen_range
 
 MOST_ERROR = 0.5  # times SIM's RMS: a storey that is farther off does not do the test
@@ -117,12 +103,14 @@ class TangentVerdict:
     faults: tuple[Finding, ...]  # why it is not safe
 
 
-def range_assumption(case: Case, counters_reaction: bool) -> str:
-    """Return how a specimen with a range of stiffness is judged, "" without a range."""
+def range_assumption(case: Case, counters_reaction: bool) -> list[Finding]:
+    """Return how a specimen with a range of stiffness is judged, [] without a range."""
     ends = stated_ends(case, counters_reaction)
     if ends is None:
-        return ""
-    return REACTION_ASSUMPTIONS.format(*ends) if counters_reaction else RANGE_ASSUMPTIONS
+        return []
+    if not counters_reaction:
+        return [Finding("assumption.specimen_range")]
+    return [Finding("assumption.reaction_range", {"least": ends[0], "most": ends[1]})]
 
 
 def tangent_verdicts(

@@ -77,7 +77,7 @@ from rths_cli.experiment.one_table_run import TABLE_RUNS, drive_of
 from rths_cli.experiment.planned_motion import guard_figures, guard_findings, planned_motion
 from rths_cli.experiment.run_metrics import lowest_reliable_hz, of_margins
 from rths_cli.experiment.session import wants_session_record
-from rths_cli.experiment.setup import make_setups, placed, refuse_unstable_steps, shown
+from rths_cli.experiment.setup import make_setups, place_of, refuse_unstable_steps, shown
 from rths_cli.experiment.unit_plausibility import before_error, keys_in_doubt, unit_doubts
 from rths_cli.findings import Finding, sentences, stated, without_repeats
 from rths_cli.interrupts import interruptible
@@ -110,7 +110,6 @@ DECLARED = tuple(path for path in METRICS if path.startswith("check.limit_"))  #
 
 TRUSTING = ((1e-1, 4.0), (1e-2, 1.3), (1e-3, 0.4))  # q with r = 1, and residual_hz with the usual test band
 WORTH = 0.02  # of SIM's RMS: noise and rounding below it leave the usual filter
-NOT_SAFE = "the test would not be safe with it"
 KNOWN_RANGE = 0.85, 1.0  # of the specimen's stiffness: a filter that trusts the specimen must hold there
 GAIN = 0.8  # of the usual filter's error: another one must have less
 NO_BUILDING = CriticalDelay(math.inf, math.nan, 0.0)
@@ -255,8 +254,9 @@ def choose_design(
 
     Raises InputError as `judge`.
     """
-    shared, why = shared or SharedValues(), ""
+    shared = shared or SharedValues()
     countered: Judged | None = None
+    why: Finding | None = None
     if design.plain is not None:
         countered, why = _countered(setup, identified, design, shared)
         if countered is not None and not _samples_dominate(setup, countered):
@@ -271,7 +271,7 @@ def choose_design(
 
 def _countered(
     setup: Setup, identified: Identification, design: Design, shared: SharedValues
-) -> tuple[Judged | None, str]:
+) -> tuple[Judged | None, Finding | None]:
     """Return the check of the design that counters the reaction; None, and why, if the test is not safe with it.
 
     Without stated ends of the specimen's stiffness the loop is judged at those of REACTION_RANGE, with every sample of
@@ -284,7 +284,7 @@ def _countered(
     except InputError:  # a sample of the model shows no compliance; what else it may be is raised without the reaction
         return None, NOT_SHOWN
     reasons = (*judged.preflight.faults, *faults)
-    return (None, f"{NOT_SAFE}: {reasons[0]}") if reasons else (judged, "")
+    return (None, Finding("reaction.not_safe", {"reason": reasons[0]})) if reasons else (judged, None)
 
 
 def _faults_at_ends(
@@ -578,8 +578,7 @@ def verdict_on(
             of_table = replace(of_table, verdict=worse, faults=(*faults, *of_table.faults))
         figures = {f"check.shake_table_{name}": value for name, value in table_test_figures(of_table).items()}
         found = replace(found, table_test=of_table, figures=found.figures | figures)
-    doubts = map(stated, unit_doubts(setup))
-    return replace(found, findings=(*doubts, *found.findings)) if found.findings else found
+    return replace(found, findings=(*unit_doubts(setup), *found.findings)) if found.findings else found
 
 
 def _with_plans(setup: Setup, known: IdentifiedModel, found: Verdict) -> Verdict:
@@ -640,7 +639,7 @@ def _without_innocent_limits(setup: Setup, found: Preflight) -> Preflight:
     exceeded = [fault for fault in found.faults if fault.values.get("quantity") in MOVED_BY_BASELINE]
     if not setup.baseline or not exceeded:
         return found
-    baseline = stated(placed(setup.case, setup.baseline))
+    baseline = setup.baseline.at("at.place", place=place_of(setup.case, "record"))
     if any(fault.beyond > 1.0 + setup.baseline_share for fault in exceeded):  # without the baseline, too
         return replace(found, faults=(baseline, *found.faults))
     quantities = tuple(dict.fromkeys(str(fault.values["quantity"]) for fault in exceeded))
@@ -714,16 +713,15 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     try:
         known = memory.at_rest(setup, progress)
     except (RigError, LimitError) as error:
-        why = tuple(map(stated, before_error(setup, error)))
-        doubts = tuple(stated(doubt, "warns") for doubt in unit_doubts(setup))
+        why, doubts = before_error(setup, error), unit_doubts(setup)
         return Checked(_about(setup, "none"), UNSAFE, why, doubts, doubted=keys_in_doubt(setup))
     hybrid = "exp_rths" in setup.case.runs or "shake_table" not in setup.case.runs
     found = verdict_on(setup, known, hybrid)
     figures = (
         {} if found.design is None else result_contents.design_figures(setup, known.found, found.design) | found.figures
     )
-    told = () if "model" in setup.overrides else known.found.reasons
-    notes = tuple(stated(note, "notes") for note in of_case(setup, known.found, found.design) if note not in told)
+    told = () if "model" in setup.overrides else known.found.verdict.refusals
+    notes = without_repeats(of_case(setup, known.found, found.design), told)
     notes = (*filter(None, (found.bound, found.remedy)), *notes)
     runs = [("EXP-RTHS", found.verdict)] if hybrid else []
     excited = excitations(setup, known)

@@ -38,6 +38,7 @@ from rths_cli.control.state_space import static
 from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.errors import InputError
 from rths_cli.experiment.setup import NUMERICAL, made
+from rths_cli.findings import Finding
 from rths_cli.identification.inputs import PAPER_BAND_HZ
 from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.bands import TEST_BAND_HZ
@@ -49,7 +50,6 @@ if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case, KalmanSpec
     from rths_cli.control.interface import InterfaceForce
     from rths_cli.experiment.setup import Setup
-    from rths_cli.findings import Finding
     from rths_cli.identification.results import Identification, LevelBand
     from rths_cli.numerics.bands import ComparedBand
     from rths_cli.numerics.lti import Block, Model
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 FIRMER = (DEFAULT, Weights((1.0, 12.0), 1e-3), Weights((0.5, 6.0), 1e-3), Weights((0.25, 3.0), 1e-3))
 HALVINGS = 3  # number of times that the largest amplification, max |S| - 1, is halved
 DIGITS = 4  # decimal digits of a chosen limit on max |S|, so that a case can state it
-NOT_SHOWN = "the identified table does not show how the specimen's reaction moves it"
+NOT_SHOWN = Finding("reaction.not_shown")
 
 
 def loop_parts(
@@ -316,9 +316,9 @@ class Design:
     chosen_filter: KalmanSpec | None = None  # chosen instead of the usual filter; None: usual or stated
     # blocks that do not counter the specimen's reaction, for the check to choose (design_choice.py); None: no choice
     plain: Blocks | None = None
-    reaction_left: str = ""  # why `automatic` does not counter the reaction, "" if it does or nobody need know
+    reaction_left: Finding | None = None  # why `automatic` does not counter the reaction; None: nobody need know
 
-    def without_reaction(self, why: str = "") -> Design:
+    def without_reaction(self, why: Finding | None = None) -> Design:
         """Return the design that does not counter the specimen's reaction where that is left to the check."""
         return self if self.plain is None else replace(self, blocks=self.plain, plain=None, reaction_left=why)
 

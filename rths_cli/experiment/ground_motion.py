@@ -10,6 +10,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import Accelerogram
+from rths_cli.findings import Finding
 from rths_cli.numerics.lti import Array, driven_modes
 from rths_cli.structure import Similitude
 
@@ -306,22 +307,17 @@ def _peak(series: Array) -> float:
     return float(np.abs(series).max())
 
 
-def sentence(baseline: Baseline, name: str, corner_hz: float, file: str) -> str:
+def told_of(baseline: Baseline, name: str, corner_hz: float, file: str) -> Finding:
     """Return what a baseline is, what it does, and the key that mends it; `file` as the case names the record."""
     b = baseline
-    what = {"mean": "an offset", "linear": "a baseline that drifts"}.get(b.mended_by, "a baseline that is no line")
-    if b.step_m_s2:
-        what = f"a baseline that steps by {b.step_m_s2:.3g} m/s^2 at {b.step_s:.4g} s"
+    shape = {"mean": "offset", "linear": "drifting"}.get(b.mended_by, "no_line")
+    step = {"step_m_s2": b.step_m_s2, "step_s": b.step_s} if b.step_m_s2 else {"shape": shape}
     first, mean, drift = (rounded(value) for value in (b.first_m_s2, b.mean_m_s2, b.drift_m_s2))
-    size = f"first sample {first:g} m/s^2, mean {mean:g}, drift {drift:g} over {b.duration_s:.4g} s"
-    makes = f"the high pass of {corner_hz:g} Hz turns" if corner_hz else "without a high pass integration turns"
-    effect = f"it into {1e3 * b.added_m:.3g} mm of ground displacement, beside {1e3 * b.own_m:.3g} mm of its motion"
-    advice = f"state record: {{file: {file}, baseline: {b.mended_by}}} to remove it, baseline: none to keep it"
-    if not b.mended_by:
-        advice = (
-            "no straight line mends that: correct the file piece by piece, or state record.baseline: none to keep it"
-        )
-    return f"record: {name} has {what} ({size}); {makes} {effect}; {advice}"
+    size = {"first_m_s2": first, "mean_m_s2": mean, "drift_m_s2": drift, "duration_s": b.duration_s}
+    effect = {"corner_hz": corner_hz or None, "added_m": b.added_m, "own_m": b.own_m}
+    return Finding(
+        "record.baseline", {"record": name, "file": file, "mended_by": b.mended_by, **step, **size, **effect}
+    )
 
 
 def rounded(accel_m_s2: float) -> float:
@@ -329,10 +325,12 @@ def rounded(accel_m_s2: float) -> float:
     return round(accel_m_s2, 4) + 0.0
 
 
-def start_fault(motion: GroundMotion, accelerogram: Accelerogram, baseline: Baseline | None, said: str) -> str:
+def start_fault(
+    motion: GroundMotion, accelerogram: Accelerogram, baseline: Baseline | None, said: Finding | None
+) -> str:
     """Return a sentence on a motion that does not begin at rest, "" for one that does.
 
-    `accelerogram` is the record without what was removed; `said` is the sentence on its `baseline`.
+    `accelerogram` is the record without what was removed; `said` is the finding on its `baseline`.
     """
     accel, peak = accelerogram.accel_m_s2, _peak(motion.accel_m_s2)
     filtered = abs(float(motion.accel_m_s2[0])) / peak

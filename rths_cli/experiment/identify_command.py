@@ -266,10 +266,10 @@ def make_model(
         if asked.save_data:
             _save_data(asked.save_data, setup, measured, warn)
         found = noted(_evaluate(setup, measured, given, asked.data is not None), notes)
-        found = noted(found, (*(stated(doubt, "warns") for doubt in doubts), *differences(setup, found)))
+        found = noted(found, (*doubts, *differences(setup, found)))
     except (UnfitRig, UnfitRecord) as unfit:
         why, code = (unfit.unfit, unfit.exit_code) if isinstance(unfit, UnfitRig) else (unfit, 1)
-        why = UnfitRecord((*map(stated, doubts), *why.findings), why.channels)
+        why = UnfitRecord((*doubts, *why.findings), why.channels)
         none = (("model file", "none is written: no model can be made from these channels"),)
         return Made(replace(about, lines=(*about.lines, *none)), None, None, why, code)
     model, sha256 = save(outputs.model, setup, found, measured.source, measured.sha256, seen)

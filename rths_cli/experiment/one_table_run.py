@@ -25,6 +25,7 @@ from rths_cli.experiment.run_signals import (
     whole_building,
     without_drift,
 )
+from rths_cli.findings import Finding
 from rths_cli.loop import guard
 from rths_cli.loop.guard import stopping_at_stuck
 from rths_cli.loop.realtime_run import way_to_rest_s
@@ -53,11 +54,12 @@ INTERRUPTIONS = {guard.INTERRUPT: 130, guard.TERMINATION: 143}  # exit codes of 
 
 @dataclass(frozen=True)
 class Stop:
-    """Why a run ended early: the status of its file and the exit code that goes with it."""
+    """Why a run ended early: the status of its file and the exit code that goes with it; `findings`: of a refusal."""
 
     status: str
     reason: str
     exit_code: int
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ class Run:
     drift: SensorDrift | None = None
     stopped: Stop | None = None
     late: Stop | None = None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Finding, ...] = ()
     metrics: Values = field(default_factory=dict)
     remarks: Mapping[str, str] = field(default_factory=dict)
     causes: tuple[Cause, ...] = ()
@@ -192,9 +194,9 @@ def run_of(
     dt_s, samples = setup.rig.dt_s, len(setup.motion.time_s)
     series = on_record_clock(outcome, lead_samples, dt_s, samples)
     drift = drift_of(setup, expected, outcome) if expected is not None else None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Finding, ...] = ()
     if drift is not None and drift.any and expected is not None:
-        warnings = tuple(run_signals.sentences(kind.label, drift, setup, lead_samples))
+        warnings = run_signals.findings_of(kind.label, drift, setup, lead_samples)
         series = without_drift(series, drift.removed, lead_samples, expected.estimator)
     every_storey_is_measured = len(setup.building.numerical.masses_kg) == 1
     building = None

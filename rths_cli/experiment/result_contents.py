@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from rths_cli.control import latency_budget
 from rths_cli.control.numerical_substructure import amplitude_and_lag
 from rths_cli.experiment.run_metrics import of_margins
 from rths_cli.experiment.session import as_stored
+from rths_cli.findings import Finding, as_json, from_json, sentences
 from rths_cli.quantities import metrics_of
 from rths_cli.quantities.datasets import (
     AS_SENSED,
@@ -25,6 +26,8 @@ from rths_cli.quantities.datasets import (
 )
 from rths_cli.rigs.from_case import laboratory_number, true_values
 from rths_cli.structure import storey_values
+
+MOST_BYTES = 60_000  # of the findings as JSON: an attribute of HDF5 holds 64 KB
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -188,6 +191,19 @@ def write_rest(writer: ResultWriter, run: str, setup: Setup, whole: Whole) -> No
     time = np.concatenate([begin + setup.rig.dt_s * np.arange(shown.shape[1]) for begin, shown in spans])
     scales = {"channel": np.arange(1, len(whole.before_v) + 1), "rest_time_s": time}
     writer.group(f"{run}/rest", {"samples_v": np.hstack([whole.before_v, whole.after_v])}, scales=scales)
+
+
+def told(warnings: Sequence[Finding], refusals: Sequence[Finding] = ()) -> dict[str, str]:
+    """Return the attributes of what a user should read before trusting a result: as text, and with code and values."""
+    data = as_json((*refusals, *warnings))
+    return {"warnings": "\n".join(sentences(warnings)), "findings": data if len(data) < MOST_BYTES else "[]"}
+
+
+def told_also(before: Mapping[str, object], warnings: Sequence[Finding]) -> dict[str, str]:
+    """Return the attributes of `told` with further warnings."""
+    texts = (str(before.get("warnings") or ""), *sentences(warnings))
+    every = (*from_json(str(before.get("findings") or "")), *warnings)
+    return {"warnings": "\n".join(filter(None, texts)), "findings": as_json(every)}
 
 
 def write_identification(writer: ResultWriter, identified: Identification, design: Design) -> None:

@@ -41,7 +41,7 @@ from rths_cli.experiment.run_metrics import lowest_reliable_hz, told_causes
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup, building_key, make_setups, motion_key, shown
 from rths_cli.experiment.unit_plausibility import doubts_building, keys_in_doubt, unit_doubts
 from rths_cli.files.result_reader import BEGUN, COMPLETE, ResultWriter
-from rths_cli.findings import sentences
+from rths_cli.findings import Finding, sentences, stated
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.rigs.from_case import laboratory_number, true_values_of_run
@@ -76,7 +76,7 @@ class Played:
 
     stop: Stop | None
     values: Values
-    said: tuple[str, ...] = ()
+    said: tuple[Finding, ...] = ()
     late: Stop | None = None
     remarks: Mapping[str, str] = field(default_factory=dict)
     true_accel: Array | None = None
@@ -130,7 +130,7 @@ def play_all(
             continue
         if refusal := refusal_of(setup, checked, kind):
             _note(writer, kind.name, refusal)
-            stop = replace(stop, reason=f"{stop.reason}; {refusal.reason}") if stop else refusal
+            stop = _both(stop, refusal)
             all_of_them = replace(all_of_them, stop=stop)
             continue
         if late is not None and setup.rig.can.moves_hardware:
@@ -161,6 +161,12 @@ def play_all(
     return all_of_them
 
 
+def _both(stop: Stop | None, refusal: Stop) -> Stop:
+    if stop is None:
+        return refusal
+    return replace(stop, reason=f"{stop.reason}; {refusal.reason}", findings=(*stop.findings, *refusal.findings))
+
+
 def _ended(stop: Stop | None) -> bool:
     """Return whether an earlier run ended early; one that was refused moved nothing."""
     return stop is not None and stop.status != "refused"
@@ -187,9 +193,9 @@ def write_run(writer: ResultWriter, setup: Setup, run: Run) -> None:
         result_contents.write_rest(writer, run.kind.name, setup, run.rest)
 
 
-def refused(writer: ResultWriter, runs: Sequence[str], reason: str) -> Stop:
+def refused(writer: ResultWriter, runs: Sequence[str], why: Sequence[Finding]) -> Stop:
     """Return the outcome for a case whose table runs are refused; the file states the reason for each."""
-    stop = Stop("refused", reason, 1)
+    stop = Stop("refused", "; ".join(sentences(why)), 1, tuple(why))
     for kind in TABLE_RUNS:
         if kind.name in runs:
             _note(writer, kind.name, stop)
@@ -202,35 +208,33 @@ def _note(writer: ResultWriter, run: str, stopped: Stop | None) -> None:
     writer.about(told or {f"{run}_status": COMPLETE})
 
 
-def why_none(setup: Setup, known: IdentifiedModel, checked: Verdict) -> str:
-    """Return why no run on the table is played, empty if they may be."""
+def why_none(setup: Setup, known: IdentifiedModel, checked: Verdict) -> tuple[Finding, ...]:
+    """Return why no run on the table is played, () if they may be."""
     if checked.design is None:
-        return "; ".join(checked.reasons)
-    faults = sentences(known.faults(setup.overrides))[:1]
-    return "; ".join((*unit_doubts(setup), *faults)) if faults else ""
+        return checked.findings
+    faults = known.faults(setup.overrides)[:1]
+    return (*unit_doubts(setup), *faults) if faults else ()
 
 
-def why_unsafe(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> str:
-    """Return why a table run is not played, empty if it is safe or overridden."""
+def why_unsafe(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> Finding | None:
+    """Return why a table run is not played, None if it is safe or overridden."""
     if not checked.refuses(kind.name) or "check" in setup.overrides:
-        return ""
+        return None
     verdict, findings = checked.of_run(kind.name)
     doubts = unit_doubts(setup)
-    others = [reason for reason in sentences(findings) if reason not in doubts]
+    others = tuple(one for one in findings if one not in doubts)
     if others and doubts_building(setup):  # what a wrong unit makes of the loop tells nobody what to change
-        others = [f"{len(others)} more {'reasons' if len(others) > 1 else 'reason'}, which a wrong unit would explain"]
-    return f"{verdict}: {'; '.join([*doubts, *others])}"
+        others = (Finding("run.more_reasons", {"count": len(others)}),)
+    return Finding("run.unsafe", {"verdict": verdict, "reasons": (*doubts, *others)})
 
 
 def refusal_of(setup: Setup, checked: Verdict, kind: RunKind = HYBRID_TEST) -> Stop | None:
     """Return the refusal of a table run, None if it is safe or overridden."""
     why = why_unsafe(setup, checked, kind)
-    if not why:
+    if why is None:
         return None
-    advice = (
-        f"rths check {shown(setup.case.path)} with the same options tells more, --override check runs it all the same"
-    )
-    return Stop("refused", f"{kind.label} refused, {why}; {advice}", 1)
+    refused = Finding("run.refused", {"run": kind.label, "why": why, "case": shown(setup.case.path)})
+    return Stop("refused", str(refused), 1, (refused,))
 
 
 @dataclass(frozen=True)
@@ -314,10 +318,9 @@ def run_case(
                 change_m = change_of_residual_drift(setup, sim, shared)
                 values |= true_reference.residual_drift_metrics(setup, sim, change_m, values)
             cautions = (*played.said, *true_reference.disagreement(values), *cautions)
-        cautions = (*sentences(losses_of_runs(values)), *cautions)
-        late = (played.late.reason,) if played.late else ()
-        if cautions or late:
-            writer.about({"warnings": "\n".join((*late, *cautions))})
+        cautions = (*losses_of_runs(values), *cautions)
+        late = (stated(played.late.reason, "warns"),) if played.late else ()
+        writer.about(result_contents.told((*late, *cautions), played.stop.findings if played.stop else ()))
         named = checked.remarks if checked else {}
         writer.metrics(values, {**result_contents.remarks(setup), **named, **played.remarks})
         stop = _also(played.stop or acceptance(case.accept, values), played.late)
@@ -325,7 +328,7 @@ def run_case(
     if stage is not None:
         stage.written()
     replaced = replaced and writer.path == path
-    return Ended(case.name, writer.path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
+    return Ended(case.name, writer.path, stop.status, stop.reason, stop.exit_code, sentences(cautions), replaced)
 
 
 def _also(stop: Stop, late: Stop | None) -> Stop:
@@ -342,27 +345,26 @@ def worst_code(codes: Iterable[int]) -> int:
     return next((code for code in PRECEDENCE if code in there), 0)
 
 
-def _cautions(setup: Setup, known: IdentifiedModel | None, checked: Verdict | None) -> tuple[str, ...]:
+def _cautions(setup: Setup, known: IdentifiedModel | None, checked: Verdict | None) -> tuple[Finding, ...]:
     """Return the warnings that a user should read before trusting the result."""
     said = of_case(setup, known.found if known else None, checked.design if checked else None)
     if checked is not None and checked.remedy and (not checked.refused or "check" in setup.overrides):
-        said = (str(checked.remedy), *said)
+        said = (checked.remedy, *said)
     if checked is None or "check" not in setup.overrides:
         return said
     overridden = []
     for kind in TABLE_RUNS:
         if kind.name in setup.case.runs and checked.refuses(kind.name):
-            verdict, findings = checked.of_run(kind.name)
-            told = "; ".join(sentences(findings))
-            overridden.append(f"the check of {kind.label} is overridden, it says {verdict}: {told}")
+            verdict, reasons = checked.of_run(kind.name)
+            overridden.append(Finding("run.overridden", {"run": kind.label, "verdict": verdict, "reasons": reasons}))
     return (*overridden, *said)
 
 
 def _attributes(
-    setup: Setup, checked: Verdict | None, known: IdentifiedModel | None, command_line: str, cautions: Sequence[str]
+    setup: Setup, checked: Verdict | None, known: IdentifiedModel | None, command_line: str, cautions: Sequence[Finding]
 ) -> dict[str, str | int | float]:
     """Return the root attributes of the result file."""
-    model = {"model_source": known.source if known else "", "warnings": "\n".join(cautions)}
+    model = {"model_source": known.source if known else "", **result_contents.told(cautions)}
     main = "exp_rths" if "exp_rths" in setup.case.runs else "shake_table"
     judged = checked.of_run(main)[0] if checked else ""
     verdict = {"check_verdict": judged, "units_in_doubt": ", ".join(keys_in_doubt(setup))}

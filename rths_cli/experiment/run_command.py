@@ -33,6 +33,7 @@ from rths_cli.experiment.unit_plausibility import before_error
 from rths_cli.files.durable_files import claimed, further_names, taken_sentence
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import check_writable
+from rths_cli.findings import sentences
 from rths_cli.interrupts import ended_by
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import Values
@@ -206,7 +207,7 @@ def _run_jobs(
     """Run the cases, whose result files are claimed; `before`: number of cases that cannot be used."""
     shared.size = most_kept(jobs)
     real = [setup for setup, _ in jobs if setup.rig.can.moves_hardware]
-    for note in dict.fromkeys(note for setup in real for note in baseline_note(setup)):
+    for note in dict.fromkeys(str(note) for setup in real for note in baseline_note(setup)):
         watcher.warning(note)  # before anybody permits a motion; of a virtual rig the answer tells
 
     def predicted(setup: Setup) -> Values:
@@ -266,7 +267,7 @@ def run_one(
             return run_case(setup, path, memory, command_line, tell, shared, series=series)
         return _run_real(setup, path, memory, shared, command_line, tell, watcher)
     except RthsError as error:
-        return _failed(setup, path, taken, "; ".join(before_error(setup, error)), error.exit_code)
+        return _failed(setup, path, taken, "; ".join(sentences(before_error(setup, error))), error.exit_code)
     except Exception as error:
         tell("")  # a signal that arrived during a compilation ends the batch here
         if told := out_of_memory(error):

@@ -15,6 +15,7 @@ from rths_cli.control.interface import Logged
 from rths_cli.control.numerical_substructure import Scheme, all_storeys
 from rths_cli.control.storeys_with_laws import LAW_FORCE, StoreysWithLaws
 from rths_cli.experiment.ground_motion import GroundMotion
+from rths_cli.findings import Finding
 from rths_cli.loop import guard
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.run_log import Signals
@@ -395,25 +396,18 @@ def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) ->
     return {f"{run}.{name}": value for name, value in values.items()}
 
 
-def sentences(label: str, found: SensorDrift, setup: Setup, lead_samples: int) -> list[str]:
+def findings_of(label: str, found: SensorDrift, setup: Setup, lead_samples: int) -> tuple[Finding, ...]:
     """Return the warnings on offset, drift and jumps of the channels of a run."""
     start, dt, said = found.first + lead_samples, setup.rig.dt_s, []
     for channel, each, v_per_m_s2 in zip(setup.rig.channels, found.channels, found.v_per_m_s2, strict=True):
-        size, who = channel.sign * float(v_per_m_s2), f"{label}: channel {channel.name}"
+        size, named = channel.sign * float(v_per_m_s2), {"channel": channel.name}
         if each.drifts:
-            off, rate, sure = 1e3 * size * each.offset, 6e4 * size * each.rate, 6e4 * abs(size) * each.rate_uncertainty
-            said.append(
-                f"{who} has an offset of {off:.3g} mV and drifts by {rate:.3g} mV/min (+-{2.0 * sure:.2g}); taken out "
-                "of its samples after the run, the loop had them"
-            )
-        said += [
-            f"{who} jumps by {1e3 * size * jump.size:.3g} mV at {dt * (jump.at - start):.3f} s; taken out of its "
-            "samples after the run, the loop had it; check cable and connector"
-            for jump in each.jumps
-        ]
+            sure = 120.0 * abs(size) * each.rate_uncertainty
+            drift = {"drift_v_per_min": 60.0 * size * each.rate, "within_v_per_min": sure}
+            said.append(Finding("sensor.drift", {**named, "offset_v": size * each.offset, **drift}))
+        for jump in each.jumps:
+            values = {**named, "jump_v": size * jump.size, "at_s": dt * (jump.at - start)}
+            said.append(Finding("sensor.jump", values))
         if each.unusable_from is not None:
-            said.append(
-                f"{who} is not usable from {dt * (each.unusable_from - start):.2f} s on: it shows what neither motion "
-                "nor drift explains; check cable, connector and mounting"
-            )
-    return said
+            said.append(Finding("sensor.unusable", {**named, "from_s": dt * (each.unusable_from - start)}))
+    return tuple(one.at("at.run", run=label) for one in said)

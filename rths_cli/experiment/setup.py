@@ -20,11 +20,12 @@ from rths_cli.experiment.ground_motion import (
     baseline_of,
     compressed,
     prepare,
-    sentence,
     start_fault,
+    told_of,
     without_baseline,
 )
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
+from rths_cli.findings import Finding
 from rths_cli.identification.sensor_calibration import calibrated
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import ComparedBand
@@ -127,7 +128,7 @@ class Setup:
     declared_rig: RigInfo | None = None  # with the sensors as declared, where `rig` has them as calibrated
     session_seed: int | None = None  # of the session of its table runs, of a row of a sweep that of the sweep's case
     declared: bool = False  # whether `building` is the one that it declares, and not the case's
-    baseline: str = ""  # of the record: what it does to the motion and what mends it, "" for a clean record
+    baseline: Finding | None = None  # of the record: what it does and what mends it; None for a clean record
     baseline_share: float = 0.0  # ground displacement that the baseline adds, over that without it
 
     def calibrated(self, found: Identification) -> Setup:
@@ -214,14 +215,14 @@ def ground_motion(case: Case) -> tuple[GroundMotion, str]:
     return _prepared(case, record), record.sha256
 
 
-def _judged_motion(case: Case) -> tuple[GroundMotion, str, str, float, str]:
-    """Return what `ground_motion` does, a sentence on the record's baseline, "" without one, with its share of the
+def _judged_motion(case: Case) -> tuple[GroundMotion, str, Finding | None, float, str]:
+    """Return what `ground_motion` does, a finding on the record's baseline, None without one, with its share of the
     displacement, and a sentence on a motion that begins with a step."""
     record = _record(case)
     motion = _prepared(case, record)
     found = baseline_of(record, lambda accel: _prepared(case, replace(record, accel_m_s2=accel)).displacement_m)
     named = case.record
-    told = sentence(found, named.name, case.record_filter.corner_hz, named.path.name) if found else ""
+    told = told_of(found, named.name, case.record_filter.corner_hz, named.path.name) if found else None
     share = found.added_m / max(found.own_m, np.finfo(float).tiny) if found else 0.0
     return motion, record.sha256, told, share, start_fault(motion, record, found, told)
 
@@ -292,10 +293,14 @@ def make_setups(
 
 def placed(case: Case, fault: str) -> str:
     """Return a sentence with the case's file before it, and with the place of the key by which the sentence begins."""
-    keys = fault.partition(": ")[0].split(".")
+    return f"{place_of(case, fault.partition(': ')[0])}: {fault}"
+
+
+def place_of(case: Case, key: str) -> str:
+    """Return file and place of a key of a case, or of what it stands in."""
+    keys = key.split(".")
     paths = (".".join(keys[:count]) for count in range(len(keys), 0, -1))
-    place = next((case.places[path] for path in paths if path in case.places), shown(case.path))
-    return f"{place}: {fault}"
+    return str(next((case.places[path] for path in paths if path in case.places), shown(case.path)))
 
 
 def _named(case: Case, fault: str) -> bool:

@@ -22,6 +22,7 @@ from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.structural_response import inter_storey_drift_m
 from rths_cli.experiment import run_metrics
 from rths_cli.experiment.run_metrics import lowest_reliable_hz
+from rths_cli.findings import Finding
 from rths_cli.rigs.from_case import true_building
 from rths_cli.structure import Building, Specimen, assemble
 
@@ -133,8 +134,8 @@ def expected_error_metrics(predicted: TrueError | None, values: Values) -> dict[
     return found
 
 
-def disagreement(values: Values) -> tuple[str, ...]:
-    """Return a sentence where the measured error of a storey is not the expected one, the one farthest off."""
+def disagreement(values: Values) -> tuple[Finding, ...]:
+    """Return a warning where the measured error of a storey is not the expected one, the one farthest off."""
     needed = ("exp_rths.error_over_expected", "exp_rths.rms_error_m_s2", "exp_rths.nrmse_percent")
     if any(name not in values for name in needed):
         return ()
@@ -145,16 +146,8 @@ def disagreement(values: Values) -> tuple[str, ...]:
     if not told.any():
         return ()
     worst = int(np.argmax(np.where(told, apart, 0.0)))
-    where = (
-        "look at the causes of the error (rths report RESULT), and for what changed since the identification: sensors, "
-        "specimen, level of motion"
-        if over[worst] > 1.0
-        else "the check was more careful than this test needed"
-    )
-    return (
-        f"measured and expected error differ: {1e3 * error[worst]:.3g} mm/s^2 at storey {worst + 1} is "
-        f"{over[worst]:.2g} times what the check expected; {where}",
-    )
+    values = {"error_m_s2": error[worst], "storey": worst + 1, "ratio": over[worst], "larger": bool(over[worst] > 1.0)}
+    return (Finding("run.not_as_expected", values),)
 
 
 def with_base_shear(building: Building, factor: float) -> Building:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
@@ -15,8 +15,9 @@ import numpy as np
 
 from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.unit_comparison import Comparison, doubts_of, of_defaults
-from rths_cli.experiment.setup import placed
+from rths_cli.experiment.setup import place_of
 from rths_cli.files.accelerograms import read_accelerogram
+from rths_cli.findings import Finding, stated
 from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.rigs.unit_comparisons import of_rig
@@ -166,24 +167,26 @@ def doubts(setup: Setup) -> tuple[Comparison, ...]:
     return tuple(doubts_of(one for one in _comparisons(setup) if one.key not in consented))
 
 
-def unknown_consents(setup: Setup) -> tuple[str, ...]:
-    """Return a sentence for each key of `plausible` that the case does not have: it permits nothing."""
+def unknown_consents(setup: Setup) -> tuple[Finding, ...]:
+    """Return a finding for each key of `plausible` that the case does not have: it permits nothing."""
     case, known = setup.case, dict.fromkeys(one.key for one in _comparisons(setup))
     told = []
     for key in case.plausible or ():
         if key not in known and value_at(case, key) is None:
-            near = get_close_matches(key, known, 1)
-            advice = f"did you mean {near[0]}?" if near else "name the key as the doubt names it, or leave it out"
-            told.append(placed(case, f"plausible: {key} is no key of this case and permits nothing; {advice}"))
+            near = next(iter(get_close_matches(key, known, 1)), None)
+            found = Finding("units.unknown_consent", {"key": key, "near": near})
+            told.append(found.at("at.place", place=place_of(case, "plausible")))
     return tuple(told)
 
 
-def unit_doubts(setup: Setup) -> tuple[str, ...]:
-    """Return a sentence for each doubt on the units of a case: building, specimen on its table, rig, record, numbers.
+def unit_doubts(setup: Setup) -> tuple[Finding, ...]:
+    """Return the doubts on the units of a case: building, specimen on its table, rig, record, numbers; each with file
+    and line of its key."""
+    return tuple(_placed(setup, one) for one in doubts(setup))
 
-    Each begins with file and line of the key in doubt.
-    """
-    return tuple(placed(setup.case, one.sentence) for one in doubts(setup))
+
+def _placed(setup: Setup, doubt: Comparison) -> Finding:
+    return doubt.finding.at("at.place", place=place_of(setup.case, doubt.key))
 
 
 def keys_in_doubt(setup: Setup) -> tuple[str, ...]:
@@ -196,9 +199,9 @@ def doubts_building(setup: Setup) -> bool:
     return any(key.partition(".")[0] in ("structure", "damping", "record") for key in keys_in_doubt(setup))
 
 
-def specimen_doubts(setup: Setup) -> tuple[str, ...]:
-    """Return a sentence for each doubt that concerns an identification: on the building, its specimen and the rig."""
-    return tuple(placed(setup.case, one.sentence) for one in doubts(setup) if one.key.startswith(OF_IDENTIFICATION))
+def specimen_doubts(setup: Setup) -> tuple[Finding, ...]:
+    """Return each doubt that concerns an identification: on the building, its specimen and the rig."""
+    return tuple(_placed(setup, one) for one in doubts(setup) if one.key.startswith(OF_IDENTIFICATION))
 
 
 def building_doubts(spec: StructureSpec, damping: Sequence[DampingSpec], building: Building) -> tuple[str, ...]:
@@ -207,7 +210,7 @@ def building_doubts(spec: StructureSpec, damping: Sequence[DampingSpec], buildin
     Each begins with the key in a structure file.
     """
     found = doubts_of((*of_building(spec, building), *of_damping(spec, damping, building)))
-    return tuple(one.sentence.removeprefix("structure.") for one in found)
+    return tuple(replace(one, key=one.key.removeprefix("structure.")).sentence for one in found)
 
 
 def _comparisons(setup: Setup) -> Iterator[Comparison]:
@@ -221,11 +224,11 @@ def _comparisons(setup: Setup) -> Iterator[Comparison]:
     yield from of_defaults(case)
 
 
-def before_error(setup: Setup, error: Exception) -> tuple[str, ...]:
+def before_error(setup: Setup, error: Exception) -> tuple[Finding, ...]:
     """Return doubts on units and the error that followed; where building or record are doubted, without its figures and
     advice, which are of other causes."""
     told, said = unit_doubts(setup), str(error)
     if doubts_building(setup):
         followed = re.split("[,;] ", said)[0].removeprefix(f"identification of rig {setup.rig.name}: ")
         said = f"it would explain: {followed}"
-    return (*told, said)
+    return (*told, stated(said))

@@ -5,7 +5,16 @@ findings and sentences as everybody else.
 """
 
 from rths_cli.findings.catalogue import ADVICE, SENTENCES, WORDS
-from rths_cli.findings.finding import Finding, as_data, from_data, sentences, stated, without_repeats
+from rths_cli.findings.finding import (
+    Finding,
+    as_data,
+    as_json,
+    from_data,
+    from_json,
+    sentences,
+    stated,
+    without_repeats,
+)
 
 __all__ = [
     "ADVICE",
@@ -13,7 +22,9 @@ __all__ = [
     "WORDS",
     "Finding",
     "as_data",
+    "as_json",
     "from_data",
+    "from_json",
     "sentences",
     "stated",
     "without_repeats",

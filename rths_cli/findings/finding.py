@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -40,6 +41,12 @@ class Finding:
     def kind(self) -> tuple[object, ...]:
         """Return what is the same wherever the finding is the same with other numbers."""
         return (*(where.code for where in self.within), self.code, self.values.get("quantity"))
+
+    @property
+    def alike(self) -> tuple[object, ...]:
+        """Return what is the same wherever the finding differs in numbers alone."""
+        within, texts = (where.alike for where in self.within), (_texts(value) for value in self.values.values())
+        return (*within, self.code, *filter(None, texts))
 
     def at(self, code: str, **values: Any) -> Finding:
         """Return the finding, told of a place: a finding of severity `at`."""
@@ -91,6 +98,26 @@ def from_data(data: Mapping[str, Any]) -> Finding:
         return found
     except (ValueError, TypeError):
         return stated(data["text"], data["severity"])
+
+
+def as_json(findings: Iterable[Finding]) -> str:
+    """Return findings as one text."""
+    return json.dumps([as_data(one) for one in findings])
+
+
+def from_json(text: str) -> tuple[Finding, ...]:
+    """Return the findings of which `as_json` made a text, () of anything else."""
+    try:
+        return tuple(from_data(one) for one in json.loads(text or "[]"))
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return ()
+
+
+def _texts(value: Any) -> tuple[object, ...]:
+    """Return the texts in a value of a finding."""
+    if isinstance(value, tuple):
+        return tuple(text for one in value for text in _texts(one))
+    return value.alike if isinstance(value, Finding) else (value,) if isinstance(value, str) else ()
 
 
 def _plain(value: Any) -> Any:

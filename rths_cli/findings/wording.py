@@ -20,7 +20,7 @@ from functools import cache
 from string import Formatter
 from typing import Any
 
-SCALES = {"%": 100.0, "ms": 1e3, "us": 1e6, "mm": 1e3}
+SCALES = {"%": 100.0, "ms": 1e3, "us": 1e6, "mm": 1e3, "mm/s^2": 1e3, "mV": 1e3}
 _PARTS = re.compile(r"\[\[|\]\]|\[([^\[\]]*)\]")
 
 

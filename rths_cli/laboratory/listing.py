@@ -24,9 +24,9 @@ from rths_cli.experiment.ground_motion import (
     prepare,
     response_spectrum,
     rounded,
-    sentence,
     start_fault,
     straight_line,
+    told_of,
     without_baseline,
 )
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
@@ -199,8 +199,8 @@ def _doubt(path: Path, record: Accelerogram) -> str:
     except InputError:
         return ""
     found = baseline_of(record, lambda accel: motion(accel).displacement_m)
-    told = sentence(found, path.stem, CORNER_HZ, path.name) if found else ""
-    return start_fault(filtered, record, found, told) or told
+    told = told_of(found, path.stem, CORNER_HZ, path.name) if found else None
+    return start_fault(filtered, record, found, told) or str(told or "")
 
 
 def _facts(name: str, record: Accelerogram) -> dict[str, Any]:

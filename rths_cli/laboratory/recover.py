@@ -136,13 +136,13 @@ def _recover(job: _Job) -> Recovered:
             if half:
                 writer.drop(header.run)
             if log.columns.shape[1] > header.ramp_steps + header.lead_samples:
-                _write(writer, job, log, str(found.attributes.get("warnings", "")))
+                _write(writer, job, log, found.attributes)
             writer.finish(status, _reason(found.attributes | {key: note}, note))
     return Recovered(job.path, result, status, header.run, log.samples, header.steps, header.dt_s, note, known)
 
 
-def _write(writer: ResultWriter, job: _Job, log: RawLog, warnings: str) -> None:
-    """Write the run like one that reached its end, only shorter; existing `warnings` of the result are kept."""
+def _write(writer: ResultWriter, job: _Job, log: RawLog, before: Mapping[str, object]) -> None:
+    """Write the run like one that reached its end, only shorter; the warnings `before`, among attributes, are kept."""
     header, setup = job.header, _setup(job)
     steps = log.columns.shape[1] - header.ramp_steps
     everything = _signals(log, setup)
@@ -151,7 +151,7 @@ def _write(writer: ResultWriter, job: _Job, log: RawLog, warnings: str) -> None:
     outcome = Outcome(of_record, steps, "", "", 0.0, whole=whole, logs=_logs(header, len(everything.logged)))
     run = run_of(outcome, setup, _kind(header), header.lead_samples, job.expected)
     if run.warnings:
-        writer.about({"warnings": "\n".join(filter(None, (warnings, *run.warnings)))})
+        writer.about(result_contents.told_also(before, run.warnings))
     write_run(writer, setup, run)
     whole_record = run.series.command_v.size == len(setup.motion.time_s) and np.isfinite(run.series.measured).all()
     if (

@@ -3,7 +3,6 @@ is and what to do next."""
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
@@ -33,6 +32,7 @@ from rths_cli.report.numbers import three
 from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.results_by_case import RUN_NAMES, TABLE_RUNS, judge
 from rths_cli.report.results_by_case import status as result_status
+from rths_cli.report.stored_findings import stored_findings, without_run
 from rths_cli.report.to_text import WIDTH, laid_out_in, text, width, wrapped
 
 MOST_STOREYS = 5  # of which all are shown; of taller buildings the three that drift most, and the roof
@@ -91,6 +91,7 @@ class Note(NamedTuple):
 
     text: str
     cases: tuple[str, ...] = ()
+    alike: object = None  # the same where notes differ in numbers alone; None: not known
 
     def __str__(self) -> str:
         return f"{', '.join(self.cases)}: {self.text}" if self.cases else self.text
@@ -101,24 +102,25 @@ def notes(results: Sequence[Result]) -> list[Note]:
     that a verdict has said already."""
     cases: dict[str, list[str]] = {}
     place: dict[str, int] = {}
+    alike: dict[str, object] = {}
     for result in results:
         said = verdict(result)
+        alike |= {str(found): found.alike for found in stored_findings(result) if found.code != "stated"}
         stored = dict.fromkeys([*_peaks_off(result), *str(result.attributes.get("warnings") or "").splitlines()])
         for number, note in enumerate(note for note in stored if note not in said):
             cases.setdefault(note, []).append(result.path.stem)
             place[note] = min(number, place.get(note, number))
     ranked = sorted(cases, key=place.__getitem__)
-    return [Note(note, () if len(cases[note]) == len(results) else tuple(cases[note])) for note in ranked]
-
-
-FIGURE = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
+    return [
+        Note(note, () if len(cases[note]) == len(results) else tuple(cases[note]), alike.get(note)) for note in ranked
+    ]
 
 
 def _alike(all_of: Sequence[Note], count: int) -> list[str]:
     """Return notes that differ in nothing but figures as one, with the figures of its first case; `count` cases."""
-    grouped: dict[str, list[Note]] = {}
+    grouped: dict[object, list[Note]] = {}
     for note in all_of:
-        grouped.setdefault(FIGURE.sub("#", note.text), []).append(note)
+        grouped.setdefault(note.alike or note.text, []).append(note)
     return [_of_cases(group, count) for group in grouped.values()]
 
 
@@ -481,7 +483,7 @@ def _without_grade(result: Result, status: str) -> str:
         word = status if end is None or end == COMPLETE else end
         table = str(result.attributes.get("shake_table_status_reason") or "")
         before = f"; before it {table}" if _ended(result, "shake_table") == "aborted" and table not in reason else ""
-        return f"{word.upper()}: {reason.removeprefix('EXP-RTHS refused, ')}{before}"
+        return f"{word.upper()}: {without_run(result, reason)}{before}"
     labels = RUN_NAMES | {"shake_table": "the shake-table test"}
     done = [label for group, label in labels.items() if group in result.groups]
     return f"NO HYBRID TEST: the case asks for {' and '.join(done) or 'nothing'} alone."

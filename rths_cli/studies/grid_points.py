@@ -73,9 +73,9 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
         digest.update(repr((keys.content, setup.record_sha256, sorted(setup.case.accept.items()))).encode())
         unread = _still_unread(unread, setup.case, plan)
         for doubt in unit_doubts(setup):
-            doubts.setdefault(doubt.rpartition(": ")[2], []).append(doubt)  # by its question
+            doubts.setdefault(str(doubt.values["question"]), []).append(str(doubt))
         for doubt in baseline_note(setup):
-            doubts.setdefault(setup.case.record.name, []).append(doubt)
+            doubts.setdefault(setup.case.record.name, []).append(str(doubt))
         storeys, first = max(storeys, setup.case.n_storeys), first or setup
         has_laws, has_truth = has_laws or not setup.building.linear, has_truth or is_another(setup)
     assert first is not None  # a plan has a point

@@ -30,6 +30,7 @@ from rths_cli.experiment.provenance import model_sha256
 from rths_cli.experiment.run_case import acceptance, change_of_residual_drift, sim_of, truth_of, why_none, why_unsafe
 from rths_cli.experiment.session import session_key, wants_session_record
 from rths_cli.experiment.setup import building_key, make_setup, motion_key
+from rths_cli.findings import sentences
 from rths_cli.loop.run_log import Log, Sizes, empty_log
 from rths_cli.numerics.compiled import processor
 from rths_cli.numerics.shared_values import SharedValues
@@ -124,7 +125,9 @@ class Shared:
         keys = self.keys(setup)
         known = values.get("known", keys.model, lambda: self._memory(setup).known(setup, self._progress))
         checked = values.get("check", (keys.check, self._overrides), lambda: self._verdict(setup, known, keys))
-        refused = why_none(setup, known, checked) or why_unsafe(setup, checked)
+        unsafe = why_unsafe(setup, checked)
+        why = why_none(setup, known, checked) or ((unsafe,) if unsafe else ())
+        refused = "; ".join(sentences(why))
         if refused or checked.design is None:
             return Ready(setup, checked, refused)
         sim = sim_of(setup, values)

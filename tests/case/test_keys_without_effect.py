@@ -8,10 +8,14 @@ from pathlib import Path
 import pytest
 
 from rths_cli.case.case_schema import Case, CaseKeys
-from rths_cli.case.keys_without_effect import USES, sentence, without_effect
+from rths_cli.case.keys_without_effect import USES, unread_keys, without_effect
 from rths_cli.case.load import load_cases
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def sentence(one: Case) -> str:
+    return str(unread_keys(one) or "")
 
 
 def case(*settings: str) -> Case:

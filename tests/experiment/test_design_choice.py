@@ -24,6 +24,7 @@ from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
+from rths_cli.findings import sentences
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.content_key import content_key
 from rths_cli.studies.sweep_runs import Shared
@@ -101,7 +102,7 @@ def test_the_choice_is_told_and_repeats_as_stated(memory: Memory) -> None:
     known = memory.at_rest(setup, lambda _: None)
     design = verdict_on(setup, known).design
     assert design is not None and design.chosen_filter is not None
-    (told,) = [one for one in of_case(setup, known.found, design) if one.startswith("kalman:")]
+    (told,) = [one for one in sentences(of_case(setup, known.found, design)) if one.startswith("kalman:")]
     q, hz = design.chosen_filter.q, design.chosen_filter.residual_hz
     assert f"q: {q:g}, residual_hz: {hz:.3g}" in told
     again = setup_of(*COARSE, f"kalman={{q: {q}, residual_hz: {hz}}}")
@@ -199,7 +200,7 @@ def test_automatic_leaves_the_design_as_it_is_without(settings: tuple[str, ...],
     known = memory.at_rest(setups[0], lambda _: None)
     found, without = (verdict_on(one, known, "exp_rths" in one.case.runs) for one in setups)
     assert found.design is not None and without.design is not None
-    assert not found.design.blocks.counters_reaction and found.design.reaction_left == ""
+    assert not found.design.blocks.counters_reaction and found.design.reaction_left is None
     assert content_key(found.design.blocks) == content_key(without.design.blocks)
     assert (found.verdict, found.reasons) == (without.verdict, without.reasons)
     assert {path: np.asarray(value).tolist() for path, value in found.figures.items()} == {
@@ -213,7 +214,9 @@ def test_a_table_that_does_not_show_its_compliance_is_told(default_identificatio
     strange = replace(default_identification, best=replace(best, zeros=zeros))
     design = design_blocks(setup, strange)
     assert design.plain is None and not design.blocks.counters_reaction
-    (told,) = [one for one in of_case(setup, strange, design) if one.startswith("controller.reaction_feedforward:")]
+    (told,) = [
+        one for one in sentences(of_case(setup, strange, design)) if one.startswith("controller.reaction_feedforward:")
+    ]
     assert "automatic leaves it off: the identified table does not show" in told
     with pytest.raises(InputError, match="does not show"):
         design_blocks(setup_of("controller=FF", "controller.reaction_feedforward=true"), strange)
@@ -232,7 +235,7 @@ def test_a_feedforward_of_the_callers_own_gets_the_plain_one(default_identificat
 
     setup = make_setup(load_cases([CASE])[0], parts={"feedforward": same})
     design = design_blocks(setup, default_identification)
-    assert design.plain is None and not design.blocks.counters_reaction and design.reaction_left == ""
+    assert design.plain is None and not design.blocks.counters_reaction and design.reaction_left is None
     off = "controller={kind: FF+FB, reaction_feedforward: false, friction_compensation: false}"
     plain = design_blocks(setup_of(off), default_identification)
     assert content_key(seen[0]) == content_key(plain.blocks.feedforward) and len(seen) == 1
@@ -253,7 +256,7 @@ def test_a_loop_that_is_not_safe_with_another_specimen_is_judged_without(
     without, wanted = choose_design(off, identified, design_blocks(off, identified))
     assert not found.blocks.counters_reaction and content_key(found.blocks) == content_key(without.blocks)
     assert (judged.preflight.verdict, judged.preflight.reasons) == (SAFE, ()) == (wanted.preflight.verdict, ())
-    (told,) = [one for one in of_case(automatic, identified, found) if one.startswith("controller.reaction")]
+    (told,) = [one for one in sentences(of_case(automatic, identified, found)) if one.startswith("controller.reaction")]
     assert "automatic leaves it off: the test would not be safe with it: with specimen at 3e+03 %" in told
 
 

@@ -27,9 +27,10 @@ from rths_cli.experiment.real_rig_readiness import EXP_RTHS, open_virtual
 from rths_cli.experiment.real_stage import RealStage
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.run_metrics import lowest_reliable_hz
-from rths_cli.experiment.run_signals import as_read, as_stored, drift_of, expected_of, sensitivities, sentences
+from rths_cli.experiment.run_signals import as_read, as_stored, drift_of, expected_of, findings_of, sensitivities
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result, read_series
+from rths_cli.findings import sentences
 from rths_cli.loop import guard
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.realtime_run import RAMP_UP_S
@@ -199,9 +200,9 @@ def test_a_run_that_the_rig_ends_names_its_drifting_sensor_and_no_healthy_one(
     for ended in (outcome, replace(outcome, reason=guard.RIG_FAULT, stopped_at_s=outcome.steps * setup.rig.dt_s)):
         found = drift_of(setup, expected_of(setup, known.found, blocks), ended)
         assert found is not None and found.removed.shape[1] == outcome.whole.command_v.size - outcome.whole.first
-        said = sentences("EXP-RTHS", found, setup, blocks.lead_samples)
+        said = sentences(findings_of("EXP-RTHS", found, setup, blocks.lead_samples))
         assert all("channel table" in line for line in said)
-        assert any(re.search(told, line) for line in said) if told else said == [], said
+        assert any(re.search(told, line) for line in said) if told else not said, said
     for reason in (guard.NOT_A_NUMBER, guard.SATURATED, guard.STUCK, guard.LOST, guard.OVERRUN, guard.OPERATOR):
         assert drift_of(setup, expected_of(setup, known.found, blocks), replace(outcome, reason=reason)) is None
     for reason in (guard.STROKE, guard.VELOCITY, guard.TRACKING, guard.ENERGY, guard.END):
@@ -230,8 +231,8 @@ def test_what_stood_in_for_lost_samples_accuses_no_healthy_sensor(
     for noted, healthy in ((missing, True), (None, False)):
         found = drift_of(setup, expected, replace(outcome, whole=replace(whole, corrected=corrected, missing=noted)))
         assert found is not None
-        said = sentences("EXP-RTHS", found, setup, design.blocks.lead_samples)
-        assert (said == []) == healthy, said
+        said = sentences(findings_of("EXP-RTHS", found, setup, design.blocks.lead_samples))
+        assert (said == ()) == healthy, said
 
 
 @pytest.mark.campaign

@@ -15,6 +15,7 @@ from rths_cli.experiment.one_table_run import after_the_record, why_ended
 from rths_cli.experiment.run_case import Ended
 from rths_cli.experiment.run_command import run_one
 from rths_cli.files.result_reader import ResultWriter, read_result
+from rths_cli.findings import stated
 from rths_cli.loop import guard
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.rigs.description import capabilities_of
@@ -30,7 +31,7 @@ def setup(kind: str = "udp") -> Any:
 def ran(path: Path, monkeypatch: pytest.MonkeyPatch, act: Any, ask: Any = lambda *_: None) -> Ended:
     monkeypatch.setattr(real_stage, "ask_the_rig", ask)
     monkeypatch.setattr(run_command, "run_case", lambda setup, path, *_: act(path))
-    monkeypatch.setattr(run_command, "before_error", lambda setup, error: (str(error),))
+    monkeypatch.setattr(run_command, "before_error", lambda setup, error: (stated(str(error)),))
     watcher: Any = SimpleNamespace(moving=None)
     return run_one(setup(), path, SimpleNamespace(), SharedValues(), "", lambda _: None, watcher)  # type: ignore[arg-type]
 

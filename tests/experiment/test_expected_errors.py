@@ -7,6 +7,7 @@ import pytest
 
 from rths_cli.analysis.true_error import TrueError
 from rths_cli.experiment.true_reference import disagreement, expected_error_metrics
+from rths_cli.findings import sentences
 
 
 def values(measured: list[float], expected: list[float], percent: float = 2.0) -> dict[str, object]:
@@ -25,9 +26,9 @@ def test_what_the_check_expected_is_not_told_again() -> None:
 
 
 def test_the_storey_that_is_farthest_off_is_told() -> None:
-    (said,) = disagreement(values([0.010, 0.020], [0.005, 0.005]))
+    (said,) = sentences(disagreement(values([0.010, 0.020], [0.005, 0.005])))
     assert said.startswith("measured and expected error differ: 20 mm/s^2 at storey 2 is 4 times") and "causes" in said
-    (said,) = disagreement(values([0.010, 0.020], [0.025, 0.020]))
+    (said,) = sentences(disagreement(values([0.010, 0.020], [0.025, 0.020])))
     assert "10 mm/s^2 at storey 1 is 0.4 times" in said and "more careful" in said
 
 

@@ -22,6 +22,7 @@ from rths_cli.experiment.design import FIRMER, Chosen, Design, design_blocks, lo
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.result_contents import design_figures
 from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.findings import sentences
 from rths_cli.identification.results import Identification
 
 
@@ -49,7 +50,7 @@ def test_where_the_usual_feedback_is_safe_it_stays(
     asked = (default_identification.best, default_identification.frfs[0], default_setup.rig.dt_s, None, 1.5, DEFAULT)
     assert found.chosen is None
     assert pickle.dumps(found.blocks.feedback) == pickle.dumps(feedback.design(*asked).block)
-    assert not [one for one in of_case(default_setup, default_identification, found) if "chosen" in one]
+    assert not [one for one in sentences(of_case(default_setup, default_identification, found)) if "chosen" in one]
     assert not [one for one in design_figures(default_setup, default_identification, found) if "chosen" in one]
 
 
@@ -68,7 +69,7 @@ def test_left_open_the_feedback_lets_a_lightly_damped_building_stand_a_tenth_of_
 def test_what_was_chosen_is_told_and_stored_and_may_be_stated(bare: Identification) -> None:
     setup = bare_setup()
     found = design_blocks(setup, bare)
-    (told,) = [one for one in of_case(setup, bare, found) if "chosen" in one]
+    (told,) = [one for one in sentences(of_case(setup, bare, found)) if "chosen" in one]
     assert "disturbance_hz: [1, 12], command_weight: 0.001, max_sensitivity: 1.5;" in told
     figures = design_figures(setup, bare, found)
     ends = [figures[f"feedback.chosen_disturbance_{end}_hz"] for end in ("low", "high")]
@@ -101,7 +102,7 @@ def test_a_usual_feedback_that_is_of_no_use_is_told_so(bare: Identification, mon
     setup = bare_setup()
     found = design_blocks(setup, bare)
     assert found.chosen == Chosen(Weights((1.0, 12.0), 1e-3), 1.5, usual_of_use=False)
-    (told,) = [one for one in of_case(setup, bare, found) if "chosen" in one]
+    (told,) = [one for one in sentences(of_case(setup, bare, found)) if "chosen" in one]
     assert "the usual feedback is of no use on this table; chosen instead: disturbance_hz: [1, 12]" in told
 
 

@@ -17,6 +17,7 @@ from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
+from rths_cli.findings import sentences
 from rths_cli.identification.results import Identification
 
 ON = "controller={kind: FF+FB, friction_compensation: true}"
@@ -60,7 +61,7 @@ def test_the_low_level_record_decides(default_identification: Identification) ->
         found, setup = with_held_out(default_identification, share), setup_of(ON)
         design = design_blocks(setup, found)
         assert design.blocks.friction_compensation is None
-        (sentence,) = [one for one in of_case(setup, found, design) if "friction_compensation" in one]
+        (sentence,) = [one for one in sentences(of_case(setup, found, design)) if "friction_compensation" in one]
         assert "is off" in sentence and told in sentence.replace("%", " %").replace("  ", " ")
     on = design_blocks(setup_of(ON), with_held_out(default_identification, 0.51))
     assert on.blocks.friction_compensation is not None
@@ -79,7 +80,7 @@ def test_automatic_is_on_where_it_is_shown_and_says_nothing_where_it_is_not(
     less = with_held_out(found, 0.49)
     design = design_blocks(setup, less)
     assert design.blocks.friction_compensation is None
-    assert not [one for one in of_case(setup, less, design) if "friction_compensation" in one]
+    assert not [one for one in sentences(of_case(setup, less, design)) if "friction_compensation" in one]
     for overrun, kept in (("skip", False), ("hold", True)):
         rig = replace(setup.rig, kind="udp", overrun=overrun)
         linked = design_blocks(replace(setup, rig=rig), found).blocks

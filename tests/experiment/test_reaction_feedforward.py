@@ -20,6 +20,7 @@ from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
+from rths_cli.findings import sentences
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.shared_values import SharedValues
@@ -78,7 +79,9 @@ def test_the_check_judges_it_at_both_ends(default_identification: Identification
         verdicts = tangent_verdicts(setup, default_identification, blocks, building, SharedValues(), ends)
         names = [f"specimen at {100 * factor:.3g} % of its stiffness, at rest" for factor in factors]
         assert [one.name for one in verdicts] == ["at rest", *names]
-        assert "moves as the changed reaction makes it" in " ".join(of_case(setup, default_identification, design))
+        assert "moves as the changed reaction makes it" in " ".join(
+            sentences(of_case(setup, default_identification, design))
+        )
         assert all(0.99 < one.stability.radius < 1.0 for one in verdicts)
 
 
@@ -107,5 +110,7 @@ def test_another_feedforward_is_refused(default_identification: Identification) 
 
 
 def test_method_paper_does_not_read_it() -> None:
-    (told,) = [one for one in of_case(setup_of(ON, "method=paper"), None, None) if "reaction_feedforward" in one]
+    (told,) = [
+        one for one in sentences(of_case(setup_of(ON, "method=paper"), None, None)) if "reaction_feedforward" in one
+    ]
     assert "a feedforward of method best reads it" in told

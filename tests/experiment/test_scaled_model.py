@@ -25,6 +25,7 @@ from rths_cli.experiment.provenance import attributes
 from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.accelerograms import read_accelerogram
+from rths_cli.findings import sentences
 from rths_cli.laboratory.listing import show
 
 RECORD = Path(__file__).parents[2] / "records" / "el_centro.csv"
@@ -192,7 +193,7 @@ def test_the_scale_is_stored_with_the_result() -> None:
 
 def test_a_record_that_left_the_test_band_is_named() -> None:
     def told(*settings: str) -> list[str]:
-        return [one for one in of_case(setup_of(scaled(), *settings), None, None) if one.startswith("scale")]
+        return [one for one in sentences(of_case(setup_of(scaled(), *settings), None, None)) if one.startswith("scale")]
 
     assert told() == []
     (warning,) = told("scale.length=40", "scale.acceleration=1")
@@ -206,7 +207,7 @@ def test_the_share_above_the_band_is_that_of_the_series() -> None:
     time = setup.motion.time_s
     two = np.sin(2 * np.pi * 5.0 * time) + 3**-0.5 * np.sin(2 * np.pi * 20.0 * time)
     changed = replace(setup, motion=replace(setup.motion, accel_m_s2=two))
-    assert any("has 25 % of its power above" in one for one in of_case(changed, None, None))
+    assert any("has 25 % of its power above" in one for one in sentences(of_case(changed, None, None)))
 
 
 def test_a_record_too_short_or_too_fast_for_the_laboratory_is_said_to_be_compressed() -> None:
@@ -216,14 +217,14 @@ def test_a_record_too_short_or_too_fast_for_the_laboratory_is_said_to_be_compres
 
 
 def test_a_model_larger_than_its_prototype_is_doubted() -> None:
-    doubts = of_case(setup_of(scaled(), "scale.length=0.4"), None, None)
+    doubts = sentences(of_case(setup_of(scaled(), "scale.length=0.4"), None, None))
     assert any("write 2.5 for a model that is smaller" in one for one in doubts)
 
 
 def test_report_in_has_no_effect_without_a_scale() -> None:
-    told = of_case(setup_of(keys(1, 1, 1, 1, 1) | {"report_in": "prototype"}), None, None)
+    told = sentences(of_case(setup_of(keys(1, 1, 1, 1, 1) | {"report_in": "prototype"}), None, None))
     assert any("report_in (only a case with a scale reads it)" in one for one in told)
-    told = of_case(setup_of(scaled() | {"report_in": "prototype"}), None, None)
+    told = sentences(of_case(setup_of(scaled() | {"report_in": "prototype"}), None, None))
     assert not any("report_in" in one for one in told)
 
 

@@ -28,7 +28,7 @@ from rths_cli.experiment.run_command import Request, run_batch
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.unit_plausibility import keys_in_doubt, unit_doubts, unknown_consents
 from rths_cli.files.result_reader import read_result
-from rths_cli.findings import stated
+from rths_cli.findings import sentences, stated
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.results import Identification
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
@@ -96,7 +96,7 @@ MISTAKES = {
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_building_in_other_units_is_asked_about(mistake: str, tmp_path: Path) -> None:
     lists, sentence = MISTAKES[mistake]
-    doubt = unit_doubts(setup_of(case_of(tmp_path, lists)))[0]
+    doubt = str(unit_doubts(setup_of(case_of(tmp_path, lists)))[0])
     assert re.search(sentence, doubt) and "in kg" in doubt
 
 
@@ -106,7 +106,7 @@ def test_the_first_mode_and_the_drift_are_those_of_the_building(tmp_path: Path) 
     first_hz = np.sqrt(eigh(K, M, eigvals_only=True)[0]) / (2.0 * np.pi)
     pushed = np.linalg.solve(K, STANDARD_GRAVITY_M_S2 * np.diag(M))
     assert drift_under_1_g(setup.building) == pytest.approx(np.diff(pushed, prepend=0.0), rel=1e-9)
-    doubt = unit_doubts(setup)[0]
+    doubt = str(unit_doubts(setup)[0])
     assert f"mode 1 {first_hz:.2g} Hz" in doubt and f"under 1 g sideways, {pushed[0]:.6g} m" in doubt
 
 
@@ -185,7 +185,7 @@ def test_a_record_in_another_unit_is_asked_about(unit: str, scaling: float, sent
     np.savetxt(tmp_path / "pulse.csv", np.column_stack([time_s, accel]), delimiter=",")
     record = {"file": "pulse.csv", "unit": unit}
     doubts = unit_doubts(setup_of(case_of(tmp_path, record=record, scaling=scaling, record_filter={"corner_hz": 0})))
-    assert len(doubts) == bool(sentence) and all(re.search(sentence, doubt) for doubt in doubts)
+    assert len(doubts) == bool(sentence) and all(re.search(sentence, str(doubt)) for doubt in doubts)
 
 
 class Unfit(Memory):
@@ -223,14 +223,14 @@ def test_a_rig_that_cannot_be_identified_is_not_the_first_reason(
 @pytest.mark.campaign
 def test_a_rejected_model_is_not_the_first_reason(tmp_path: Path, default_identification: Identification) -> None:
     setup = setup_of(case_of(tmp_path, MISTAKES["masses in t"][0]))
-    known = IdentifiedModel(default_identification, "test", ("the specimen has changed",))
+    known = IdentifiedModel(default_identification, "test", (stated("the specimen has changed"),))
     verdict = verdict_on(setup, known)
     doubt, *_ = unit_doubts(setup)
-    assert verdict.reasons[0] == doubt and any("the specimen has changed" in reason for reason in verdict.reasons[1:])
-    assert why_none(setup, known, verdict).startswith(doubt)
+    assert verdict.findings[0] == doubt and any("the specimen has changed" in reason for reason in verdict.reasons[1:])
+    assert why_none(setup, known, verdict)[0] == doubt
     assert why_none(setup, IdentifiedModel(default_identification, "test"), verdict_on(setup, known, False)) in (
-        "",
-        doubt,
+        (),
+        (doubt,),
     )
 
 
@@ -304,5 +304,5 @@ def test_a_slip_has_its_usual_reason_only_where_that_can_be_true(unit: str, rati
 
 def test_a_consent_to_a_key_that_the_case_does_not_have_is_told() -> None:
     keys = "plausible=[structure.experimental.mases_kg, structure.experimental.masses_kg, scaling]"
-    (told,) = unknown_consents(make_setup(load_cases(["el_centro_low_ff_fb"], (keys,))[0]))
+    (told,) = sentences(unknown_consents(make_setup(load_cases(["el_centro_low_ff_fb"], (keys,))[0])))
     assert "structure.experimental.mases_kg" in told and "did you mean structure.experimental.masses_kg?" in told

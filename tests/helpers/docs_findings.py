@@ -10,26 +10,30 @@ from rths_cli.findings.wording import SCALES
 
 HEAD = """# Every finding and its sentence
 
-This page is made from `rths_cli/findings/catalogue.py`, the one place where these sentences are written. What a check,
-an identification or a run finds is a code with values and advice; its sentence is what the pages print and what result
-and model files store. `--json` of `rths check` and `rths identify` gives both, in `findings`: `code`, `severity`,
-`values`, `advice`, `text`, and `within` where the finding holds in a part only (codes that begin with `at`).
+This page is made from `rths_cli/findings/`, the one place where these sentences are written. What a check, an
+identification or a run finds is a code with values and advice; its sentence is what the pages print and what result
+and model files store. `--json` of `rths check`, `rths identify` and `rths report` gives both, in `findings`: `code`,
+`severity`, `values`, `advice`, `text`, and `within` where the finding holds in a part only (codes beginning with `at`).
 
 A finding `refuses` a run or a model, `warns` of what may make a result wrong, or `notes` what else is worth knowing;
 one that `explains` is a value of another. Below stands the usual severity, in JSON that of the case at hand.
+
 In the sentences below a name in code stands for the value of that name. Values are in SI units, whatever unit the
 sentence prints: the name ends in the unit; without one the value is a text, a ratio, a count, or in the `units` beside
 it. A number that is not finite is `null`. A part in brackets is left out where it does not apply; behind a bar stands
 what is said instead. Codes and names of values stay; sentences may change.
 """
 GROUPS = {
+    "assumption": "What the check assumes",
     "at": "Where a finding holds",
     "calibration": "Calibration",
+    "case": "The case",
     "cause": "Causes, told in another finding",
     "channel": "One channel",
     "channels": "Several channels",
     "command": "The command",
     "delay": "The delay",
+    "design": "What the design chose",
     "excitation": "The excitation",
     "free_vibration": "The free vibration",
     "friction": "Friction of the table",
@@ -37,16 +41,21 @@ GROUPS = {
     "level": "The level of the motion",
     "loop": "The loop",
     "model": "The identified model",
+    "parts": "Parts of the caller's own",
+    "reaction": "The specimen's reaction",
     "record": "The record",
     "remedy": "Remedies, told in another finding",
     "root": "Poles and zeros, told in another finding",
     "run": "A run",
+    "scale": "The scale",
+    "sensor": "Sensors in a run",
     "session": "What changed since the identification",
     "specimen": "The specimen",
     "stated": "Sentences without a code",
     "suspect": "A single fault that would explain the channels",
     "table": "The table",
     "true_error": "The true error",
+    "units": "Numbers that seem to be in another unit",
     "verification": "A model file against the rig as it is",
 }
 FIELD = re.compile(r"\{(\w+)(?:!\w)?(?::([^}]*))?\}")

@@ -20,6 +20,7 @@ from rths_cli.analysis.grade import (
     grade_of,
 )
 from rths_cli.files.result_reader import Result, ResultWriter, read_result
+from rths_cli.findings import Finding, as_json
 from rths_cli.report.answer import answer, answers, notes, one_line, shown_storeys, verdict
 from rths_cli.report.numbers import three
 from rths_cli.report.result_tables import of_one_case
@@ -408,9 +409,10 @@ def test_eight_cases_take_40_lines_of_80_columns_and_no_note_is_lost(
     results = []
     for k, letter in enumerate("abcdefgh"):
         own = NOTE.format(letter, letter, f"key_{letter}")
-        drift = f"drift: {0.001 * (k + 1):g} m/s^2 per minute; removed"
-        said = "\n".join([own, f"more: {own}", f"and more: {own}", drift, "of all"])
-        path = written(Path(f"case_of_a_long_name_{k}.h5"), figures(), warnings=said, reference_title="a paper")
+        drift = Finding("sensor.unusable", {"channel": "table", "from_s": k + 1.0})
+        said = "\n".join([own, f"more: {own}", f"and more: {own}", str(drift), "of all"])
+        noted = {"warnings": said, "findings": as_json([drift])}
+        path = written(Path(f"case_of_a_long_name_{k}.h5"), figures(), **noted, reference_title="a paper")
         results.append(read_result(path))
     lines = answers(results, 80).splitlines()
     assert len(lines) <= 40 and max(map(len, lines)) <= 80
@@ -419,23 +421,22 @@ def test_eight_cases_take_40_lines_of_80_columns_and_no_note_is_lost(
     shown = sum(line.startswith("note: ") for line in lines)
     assert shown >= 20 and any(line.startswith(f"(notes shortened, {26 - shown} more left out;") for line in lines)
     whole = " ".join(answers(results, 80, whole=True).split())
-    assert whole.count("per minute; removed") == 8 and whole.count("state key_h to decide") == 3
+    assert whole.count("channel table is not usable") == 8 and whole.count("state key_h to decide") == 3
     assert "with the tables of their reference" in " ".join(lines)
 
 
 def test_notes_that_differ_in_figures_alone_are_told_once(tmp_path: Path) -> None:
-    drift = "drift of floor_3: {:g} m/s^2 per minute; removed"
+    jumps = [Finding("sensor.jump", {"channel": "floor_3", "jump_v": 1e-3 * k, "at_s": 2.0}) for k in range(6)]
     results = [
-        read_result(written(tmp_path / f"c{k}.h5", figures(), warnings=f"{drift.format(0.1 * k)}\nof all"))
-        for k in range(6)
+        read_result(written(tmp_path / f"c{k}.h5", figures(), warnings=f"{jump}\nof all", findings=as_json([jump])))
+        for k, jump in enumerate(jumps)
     ]
     lines = answers(results, 80).splitlines()
-    assert [line for line in lines if line.startswith("note: ")] == [
-        "note: all (figures of c0): drift of floor_3: 0 m/s^2 per minute; removed", "note: of all"
-    ]  # fmt: skip
+    jumped, of_all = [line for line in lines if line.startswith("note: ")]
+    assert f"note: all (figures of c0): {jumps[0]}".startswith(jumped) and of_all == "note: of all"
     other = read_result(written(tmp_path / "other.h5", figures(), warnings="of all"))
     text = " ".join(answers([*results, other], 80).split())
-    assert "note: c0, c1, c2 and 3 more (figures of c0): drift of floor_3" in text
+    assert "note: c0, c1, c2 and 3 more (figures of c0): channel floor_3 jumps" in text
 
 
 def test_tables_of_a_paper_are_printed_with_one_case_alone(tmp_path: Path) -> None:

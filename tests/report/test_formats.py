@@ -16,6 +16,7 @@ import pytest
 from made_up import paper_cases, result
 from made_up_files import write
 
+from rths_cli.findings import Finding, as_data, as_json
 from rths_cli.quantities import Interval
 from rths_cli.report.document import Line, Table, labelled, spread
 from rths_cli.report.formats.csv_table import tidy
@@ -170,6 +171,17 @@ def test_json_fits_the_published_schema_and_says_all(tmp_path: Path) -> None:
     del made_document["results"][0]["units"]
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(made_document, schema)
+
+
+def test_json_gives_the_findings_of_a_result_with_code_and_values(tmp_path: Path) -> None:
+    jump = Finding("sensor.jump", {"channel": "floor_2", "jump_v": 0.02, "at_s": 3.1}).at("at.run", run="EXP-RTHS")
+    paths = [
+        write(tmp_path / "new.h5", warnings=str(jump), findings=as_json([jump])),
+        write(tmp_path / "old.h5", warnings=str(jump), case_name="old"),
+    ]
+    made_document = document(contents(read_inputs(paths, lambda _: None), (), None, keep_going=False))
+    jsonschema.Draft202012Validator(json.loads(SCHEMA.read_text())).validate(made_document)
+    assert [one["findings"] for one in made_document["results"]] == [[as_data(jump)], []]
 
 
 def test_an_interval_stands_in_every_format() -> None:

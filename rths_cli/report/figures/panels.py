@@ -16,6 +16,7 @@ from rths_cli.quantities.declaration import typeset
 from rths_cli.report.figures.figure_data import Source, points_of_lines, thinned
 from rths_cli.report.figures.style import MM_PER_INCH, VERMILLION, WIDTHS_MM, Look, plain
 from rths_cli.report.result_scale import scale_words
+from rths_cli.report.stored_findings import without_run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -127,7 +128,7 @@ def heading(source: Source, width: str, about: str = "") -> list[str]:
     case = f"{known.get('case_name', source.result.path.stem)}, method {known.get('method', 'unknown')}"
     lines = ["; ".join(filter(None, (case, table, scale_words(source.result), about)))]
     if not source.complete:
-        reason = str(known.get("status_reason", "")).removeprefix("EXP-RTHS refused, ")
+        reason = without_run(source.result, str(known.get("status_reason", "")))
         lines.append(f"{known.get('status', 'unfinished')}: {reason}".rstrip(": "))
     long = HEADING_CHARACTERS[width]
     first, *rest = lines

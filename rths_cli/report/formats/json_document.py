@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from rths_cli.findings import as_data
 from rths_cli.quantities import metric
 from rths_cli.report.group_comparison import Compared, Place, Repeats, Statistics, got_worse, over_runs, place_name
 from rths_cli.report.numbers import json_value
 from rths_cli.report.report_contents import Baseline, Contents
 from rths_cli.report.result_tables import to_json
 from rths_cli.report.results_by_case import judge
+from rths_cli.report.stored_findings import stored_findings
 from rths_cli.report.sweep_page import document as sweep_document
 
 FORMAT, FORMAT_VERSION = "rths-report", 1
@@ -22,6 +24,7 @@ def document(found: Contents) -> dict[str, Any]:
     listed = to_json(results)["results"]
     assert isinstance(listed, list)
     for one, result in zip(listed, results, strict=True):
+        one["findings"] = [as_data(found) for found in stored_findings(result)]
         one["accept"] = [asdict(limit) | {"value": json_value(limit.value)} for limit in judge(result)]
     paths = sorted({path for result in results for path in result.metrics})
     defined = {path: definition for path in paths if (definition := metric(path))}

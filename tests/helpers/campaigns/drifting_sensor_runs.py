@@ -26,14 +26,15 @@ from rths_cli.experiment.run_signals import (
     SensorDrift,
     drift_of,
     expected_of,
+    findings_of,
     on_record_clock,
     sensitivities,
-    sentences,
     stands_out,
     whole_building,
     without_drift,
 )
 from rths_cli.experiment.setup import Setup
+from rths_cli.findings import sentences
 from rths_cli.loop.realtime_run import way_to_rest_s
 from rths_cli.loop.simulated_time_run import Outcome, Stillness, play
 from rths_cli.loop.step_arrays import NUMERICAL
@@ -71,7 +72,7 @@ class Played:
 
     def said(self, setup: Setup) -> list[str]:
         """Return what a user is told of the sensors."""
-        return sentences("EXP-RTHS", self.found, setup, self.lead_samples)
+        return list(sentences(findings_of("EXP-RTHS", self.found, setup, self.lead_samples)))
 
 
 def nothing(channels: int) -> Added:

@@ -24,6 +24,7 @@ from rths_cli.experiment.one_table_run import TABLE_RUNS, RunKind, plan_run, pla
 from rths_cli.experiment.run_case import why_none, why_unsafe
 from rths_cli.experiment.run_signals import mean_accelerations
 from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.findings import sentences
 from rths_cli.loop.simulated_time_run import Outcome
 from rths_cli.numerics.lti import Array
 
@@ -142,7 +143,7 @@ def tried(seed: int, folder: Path) -> Trial:
         for kind in TABLE_RUNS:
             plan = plan_run(setup, checked.design, kind)
             outcome = play_run(plan, setup.case.seed)
-            refused = unfit or why_unsafe(setup, checked, kind)
+            refused = "; ".join(sentences(unfit)) or str(why_unsafe(setup, checked, kind) or "")
             runs.append(replace(_moved(kind.name, outcome, setup), refused=refused, **_planned(setup, checked, kind)))
     return Trial(seed, about(setup), tuple(runs), fault, time.monotonic() - begun)
 

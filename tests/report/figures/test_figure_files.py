@@ -17,6 +17,7 @@ from portfolio import parametrize_first
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import read_result
+from rths_cli.findings import Finding, as_json, stated
 from rths_cli.report.figures import NotDrawn, draw, figure_names, write, write_figures
 
 HERE = Path(__file__).parent
@@ -206,10 +207,11 @@ def test_importing_the_figures_is_cheap():
 
 
 def test_a_long_reason_ends_with_dots_in_the_fourth_line_of_the_heading(tmp_path):
-    why = "EXP-RTHS refused, unsafe: " + "with much of the gain the loop tolerates little; " * 5
+    unsafe = stated("unsafe: " + "with much of the gain the loop tolerates little; " * 5)
+    refused = Finding("run.refused", {"run": "EXP-RTHS", "why": unsafe, "case": "own.yaml"})
     path = write_result(tmp_path / "refused.h5", n=600)
     with h5py.File(path, "a") as file:
-        file.attrs.update({"status": "refused", "status_reason": why})
+        file.attrs.update({"status": "refused", "status_reason": str(refused), "findings": as_json([refused])})
     lines = draw("errors", read_result(path), "one").get_suptitle().splitlines()
     assert len(lines) == 4 and lines[-1].endswith(" ...") and len(lines[-1]) > 30
     assert any(line.startswith("refused: unsafe: with much") for line in lines)

@@ -49,9 +49,9 @@ def _listed(path: Path) -> ListedResult:
     except InputError as error:
         return ListedResult(path.stem, str(path), "", None, "", "", "", size, str(error))
     about, found = result.attributes, grade(with_keys(result, ("grade_limits",)))
-    texts = (str(about.get(key) or "-") for key in ("created_utc", "rig", "case_name"))
+    date, rig, case = (str(about.get(key) or "-") for key in ("created_utc", "rig", "case_name"))
     bound = found.percent if found else None
-    return ListedResult(path.stem, str(path), found.grade if found else _end(result), bound, *texts, size)
+    return ListedResult(path.stem, str(path), found.grade if found else _end(result), bound, date, rig, case, size)
 
 
 def _end(result: Result) -> str:
@@ -64,7 +64,7 @@ def _end(result: Result) -> str:
 def as_document(results: Sequence[ListedResult], folder: Path) -> Document:
     """Return the results as a table, and a line for each file that is none."""
     whole = [one for one in results if not one.fault]
-    columns = [
+    columns: list[tuple[Column, Sequence[str]]] = [
         (Column("grade", words=True), [Verdict(one.grade) for one in whole]),
         (
             Column("error", unit="% of SIM"),

@@ -106,7 +106,7 @@ WRONG: tuple[Wrong, ...] = (
     Wrong("took a word of another program for an option's value", "run pulse --method newmark"),
     Wrong("named a case that is not there", "run pulsee"),
     Wrong("named a file that is not there", "run cases/pulse.yaml"),
-    Wrong("gave the folder instead of a file", "run ."),
+    Wrong("gave the folder of results instead of a case", "run results", prepare=_result),
     Wrong("gave the structure instead of the case", "run tower.yaml"),
     Wrong("gave the record instead of the case", "run pulse.csv"),
     Wrong("gave the result instead of the case", "check results/c5.h5", prepare=_result),

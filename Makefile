@@ -25,7 +25,7 @@ help: ## show this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
 
 run: $(RUN_STAMP) ## install, run the paper's eight cases, print its tables beside ours
-	@$(BIN)/rths run --full --series essential --method paper --method best --output results $(CASES)
+	@$(BIN)/rths run --paper --series essential --method paper --method best --output results $(CASES)
 	@echo
 	@echo "To call rths yourself: source $(BIN)/activate, then for example: rths run configs/el_centro_low_ff_fb.yaml"
 

@@ -148,7 +148,7 @@ def examined(name: str, folder: Path, arguments: list[str], tested: bool) -> Out
     work.mkdir()
     environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
     environment |= {"XDG_CACHE_HOME": str(work / "cache"), "PATH": f"{programs}:{environment['PATH']}"}
-    words = ["run", "--full", "--method", "paper", "--method", "best", *CASES]
+    words = ["run", "--paper", "--method", "paper", "--method", "best", *CASES]
     start = time.perf_counter()
     done = subprocess.run(
         [programs / "rths", *words], cwd=work, env=environment, capture_output=True, text=True, check=False

@@ -227,7 +227,7 @@ def load_each(
 ) -> tuple[list[Case], dict[str, InputError]]:
     """Return the cases that can be used, as `load_all`, and why each other one cannot, by the name of its file.
 
-    Raises InputError where the settings themselves are wrong, or no case can be used.
+    Raises InputError where the settings themselves are wrong.
     """
     _, faults = read_settings(settings)
     if faults:
@@ -246,8 +246,6 @@ def load_each(
             refused[name] = InputError(f"{name}: {case.name!r} is also the name of {other}; give each its own name")
             continue
         usable.append(name)
-    if not usable:
-        raise InputError(*dict.fromkeys(fault for error in refused.values() for fault in error.faults))
     return load_all(usable, settings, methods), refused
 
 
@@ -421,10 +419,10 @@ def _marks(tree: Node, above: str = "") -> Iterator[tuple[str, Mark]]:
 
 
 def _rig_file(tree: Node, case: Path) -> Path | None:
-    """Return the file that states the kind of a case's rig, None where the case or --set does."""
+    """Return the file that states the kind of a case's rig, None where the case, one that it extends, or --set does."""
     kind = tree.children["table"].children.get("kind")
     path = kind.mark.source.path if kind is not None else None
-    return None if path == case else path
+    return None if path in (None, case) or kind_of(path) == "cases" else path
 
 
 def _fault(tree: Node, entry: ErrorDetails) -> Fault:

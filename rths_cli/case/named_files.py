@@ -138,22 +138,25 @@ def case_files(names: Sequence[str]) -> list[str]:
     """Return the cases that names on the command line stand for: a folder for all in it, a pattern for all that it
     matches; anything else is left to the reader.
 
-    In a folder a file without keys that tell its kind counts as a case, to be refused by its own fault. Raises
-    InputError for a folder or a pattern without any.
+    In a folder a file without keys that tell its kind counts as a case, to be refused by its own fault. Each file
+    counts once. Raises InputError for a folder or a pattern without any.
     """
-    found: list[str] = []
+    found: dict[str, str] = {}
     for name in names:
         if os.path.isdir(name):
             inside = (path for path in sorted(Path(name).iterdir()) if path.suffix in YAML and path.is_file())
             cases = [str(path) for path in inside if kind_of(path) in ("cases", "", None)]
         elif has_magic(name) and not os.path.exists(name):
             cases = sorted(path for path in glob(os.path.expanduser(name)) if os.path.isfile(path))
+            if not cases:
+                raise InputError(f"{name}: matches no file; a pattern stands for files, not for names of shipped cases")
         else:
             cases = [name]
         if not cases:
             raise InputError(f"{name}: holds no case file (.yaml, .yml); rths new writes one to start from")
-        found += cases
-    return list(dict.fromkeys(found))
+        for case in cases:
+            found.setdefault(os.path.realpath(case) if os.path.exists(case) else case, case)
+    return list(found.values())
 
 
 def known(kind: str, folder: Path) -> list[str]:

@@ -48,7 +48,7 @@ def set_inside(rig: Node, key: str) -> list[Fault]:
     """Return a fault for everything that --set changes in a real rig whose mapping stands in the case itself."""
     faults = []
     for path, node in _leaves(rig, key):
-        if node.mark.source == rig.mark.source:
+        if node.mark.source == rig.mark.source or node.mark.source.path is not None:  # of this case, or of its base
             continue
         advice = "give a stricter limit under limits" if path.startswith(f"{key}.limits.") else "change it there"
         said = f"the case itself states this real rig, --set may not change it, got {shown(plain(node))}; {advice}"

@@ -194,9 +194,8 @@ def _case_named(node: Node, faults: list[Fault], trail: tuple[Path, ...]) -> Nod
     faults += found
     kind = "" if tree is None else kind_of_tree(tree)
     if tree is None or not isinstance(tree.value, dict) or kind not in ("", "cases"):
-        if not found:
-            what = no_case(kind, node.value) if kind else "holds no keys of a case"
-            faults.append(Fault(node.mark, "extends", f"{display(path)} {what}"))
+        what = no_case(kind, node.value) if kind else "holds no keys of a case"
+        faults.append(Fault(node.mark, "extends", f"{display(path)} {'cannot be read' if found else what}"))
         return None
     return _extended(tree, faults, (*trail, path))
 

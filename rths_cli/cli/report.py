@@ -72,7 +72,8 @@ PLAIN_S = 5.0  # between two lines where output is no terminal
     type=click.Choice(["model", "prototype"]),
     help="Scale of the figures of cases with a scale [default: the report_in of the cases].",
 )
-@click.option("--paper", is_flag=True, help="Judge the paper's claims for cases without a reference, too.")
+@click.option("--full", is_flag=True, help="Print every figure below the answer, and all notes whole.")
+@click.option("--paper", is_flag=True, help="Print errors beside published ones, and judge the paper's claims.")
 @click.option("--keep-going", is_flag=True, help="Report the good files although others cannot be read.")
 @click.option("--parquet", type=FILE, metavar="FILE", help="Write the table of a sweep as Apache Parquet, with units.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
@@ -91,6 +92,7 @@ def report(
     baseline: Path | None,
     percent: float | None,
     report_in: str | None,
+    full: bool,
     paper: bool,
     keep_going: bool,
     parquet: Path | None,
@@ -99,7 +101,7 @@ def report(
     quiet: bool,
     as_json: bool,
 ) -> int:
-    """Print the tables of result files or folders of them (default: results/), draw figures, write a page.
+    """Print the answer of a result, or the comparison of several (default: results/); draw figures, write a page.
 
     Exit code 1: an error is worse than --fail-worse allows, or --keep-going left something out.
 
@@ -125,6 +127,7 @@ def report(
         keep_going=keep_going,
         junit=junit,
         replace=not no_replace,
+        full=full,
         paper=paper,
         report_in=report_in,
         parquet=parquet,

@@ -35,6 +35,7 @@ class Wanted(NamedTuple):
     """How much a run prints."""
 
     full: bool  # every figure
+    paper: bool  # errors beside published ones
     quiet: int  # 1: a line per case, 2: nothing
 
 
@@ -52,9 +53,8 @@ class Wanted(NamedTuple):
     show_default=True,
     help="Time series that the result keeps: essential are those of most figures, in single precision.",
 )
-@click.option(
-    "--full", is_flag=True, help="Print every figure before the answer, as rths report does, and all notes whole."
-)
+@click.option("--full", is_flag=True, help="Print every figure below the answer, and all notes whole.")
+@click.option("--paper", is_flag=True, help="Print errors beside published ones, and judge the paper's claims.")
 @click.option("--quiet", count=True, help="Show no progress, and one line per case; given twice, only what went wrong.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
 @click.option("--from", "sweep", type=FILE, metavar="SWEEP", help="Run one row of a finished sweep instead of cases.")
@@ -80,6 +80,7 @@ def run(
     no_replace: bool,
     series: str,
     full: bool,
+    paper: bool,
     quiet: int,
     junit: Path | None,
     sweep: Path | None,
@@ -93,8 +94,6 @@ def run(
     as_json: bool,
 ) -> int:
     """Run cases and print the answer; one result file per case. CASE is a name, a file, a folder or a pattern.
-
-    One case with a reference has its tables, too.
 
     Example: rths run el_centro_low_ff_fb --set scaling=0.2
     """
@@ -134,7 +133,7 @@ def run(
         at_once=jobs,
     )
     ended = run_batch(request, screen)
-    _show_results(ended, as_json, junit, Wanted(full, quiet))
+    _show_results(ended, as_json, junit, Wanted(full, paper, quiet))
     if junit and replaced and not quiet:
         screen.message(f"replaced {junit}")
     differs = swept is not None and ended[0].path is not None and _differs(swept, ended[0].path, screen, quiet)
@@ -189,7 +188,7 @@ def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None, wan
         from rths_cli.report.formats.junit import junit as as_junit
         from rths_cli.report.report_options import write_text
 
-        failed = [(one.name, one.reason) for one in ended if one.path is None]
+        failed = [(one.name, one.reason, one.seconds) for one in ended if one.path is None]
         seconds = {one.path: one.seconds for one in ended if one.path}
         write_text(junit, as_junit(results, failed=failed, seconds=seconds))
     if as_json:
@@ -202,14 +201,14 @@ def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None, wan
 
 
 def _print(results: Sequence[Result], wanted: Wanted) -> None:
-    """Print the tables of one case with a reference, or of all; then the answer, where it stays on the screen."""
+    """Print the answer, and below it the tables that are wanted."""
     from rths_cli.report.answer import answers, one_line
-    from rths_cli.report.result_tables import of_one_case, tables
 
     if wanted.quiet:
         click.echo("".join(f"{one_line(result)}\n" for result in results if wanted.quiet == 1), nl=False)
         return
-    tabled = results if wanted.full else of_one_case(results)
-    if tabled:
-        show_page(lambda: f"{tables(tabled, brief=not wanted.full)}\n")
     show_page(lambda: answers(results, page_width(), whole=wanted.full))
+    if wanted.full or wanted.paper:
+        from rths_cli.report.result_tables import tables
+
+        show_page(lambda: f"\n{tables(results, paper=wanted.paper, brief=not wanted.full)}")

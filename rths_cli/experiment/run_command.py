@@ -129,9 +129,8 @@ def plan(request: Request, memory: Memory, shared: SharedValues) -> tuple[list[J
             jobs += _planned(replace(request, methods=()), [case], memory, shared, len(request.methods) > 1)
         except InputError as error:
             unusable.append(Ended(case.name, None, "failed", "; ".join(error.faults), 2))
-    if not jobs:
-        raise InputError(*(one.reason for one in unusable))
-    prepare_folder([setup for setup, _ in jobs], request.output, request.series)
+    if jobs:
+        prepare_folder([setup for setup, _ in jobs], request.output, request.series)
     return jobs, unusable
 
 
@@ -182,6 +181,8 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     for number, ended in enumerate(unusable, 1):
         watcher.started(number, len(unusable) + len(planned), ended.name)
         watcher.ended(ended, 0.0)
+    if not planned:
+        return unusable
     with ExitStack() as names:
         jobs = [(setup, _own_name(path, request.replace, watcher, names)) for setup, path in planned]
         check_existing([(path, Kind.RESULT) for _, path in jobs], request.replace)  # again, now that they are ours

@@ -123,7 +123,9 @@ OF_FILE = (
         present=SINCE_0_2,
     ),
     AttributeDeclaration("warnings", "text", "what a user should read before trusting the result, one a line"),
-    AttributeDeclaration("findings", "text", "reasons of a refusal, then the warnings, as JSON: code, values, text"),
+    AttributeDeclaration(
+        "findings", "text", "reasons of a refusal, then the warnings, as JSON: code, values, text", present=SINCE_0_2
+    ),
     AttributeDeclaration("reference_title", "text", "title of the published figures"),
     AttributeDeclaration("reference_json", "text", "the published figures of this case by path, as JSON"),
 )

@@ -61,13 +61,20 @@ def answers(results: Sequence[Result], columns: int = WIDTH, whole: bool = False
     if not results:
         return ""
     with laid_out_in(min(max(columns, NARROW), WIDTH)):
-        return text(_answer(results[0], whole) if len(results) == 1 else [_comparison(results, whole)])
+        return text(answer_document(results, whole))
+
+
+def answer_document(results: Sequence[Result], whole: bool = False) -> Document:
+    """Return the answer of one result, or the comparison of several, for lines as wide as those of the page."""
+    return _answer(results[0], whole) if len(results) == 1 else [_comparison(results, whole)]
 
 
 def _answer(result: Result, whole: bool) -> Document:
     """Return the sections of one answer: test and verdict, storeys, what else is to be said."""
-    head = [Line(f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}")]
-    head += [_verdict_line(verdict(result)), *map(Line, scale_lines([result]))]
+    first, *more = verdict_lines(result)
+    head = [_verdict_line(first), *map(Line, more)]
+    head += [Line(f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}")]
+    head += map(Line, scale_lines([result]))
     table = _table(result)
     if table and result.attributes.get("exp_rths_status") not in (None, "complete"):
         head.append(Line("Storeys and base shear below are computed (SIM): no hybrid test was completed."))
@@ -301,29 +308,43 @@ def grade_limits(result: Result) -> GradeLimits:
 
 def verdict(result: Result) -> str:
     """Return the sentences that say whether the test can be trusted, and by which limits."""
-    status = result_status(result)
+    return " ".join(verdict_lines(result))
+
+
+def verdict_lines(result: Result) -> list[str]:
+    """Return the verdict: a word in capitals with the bound of the true error, or with why there is none; what was
+    measured, with the limits of the grade; then a sentence for each finding."""
+    status = str(result.attributes.get("status", COMPLETE))
     found = grade(result)
     if found is None:
         return _without_grade(result, status)
     band = float(result.attributes.get("test_band_hz", TEST_BAND_HZ))
     up_to = "" if band == TEST_BAND_HZ else f" up to {band:g} Hz"
-    rig = "on a virtual rig " if _virtual(result) else ""
-    said = f"{found.grade.upper()}: {rig}{_bound(found, up_to)} (storey {found.storey})"
+    told = [f"{_bound(found, up_to)}, storey {found.storey}{', virtual rig' if _virtual(result) else ''}"]
     cause = _cause_in_words(result, found)
-    said += f", most of it by {cause}" if found.grade != GOOD and cause else ""
-    if "exp_rths.mass_over_declared" not in result.metrics:
-        said += f", {IF_DECLARED}"
-    said += _beyond_bound(result)
-    if diverged := _diverged(result):
-        said += f"; {diverged}"
+    told += [f"most of it by {cause}"] if found.grade != GOOD and cause else []
+    told += [IF_DECLARED] if "exp_rths.mass_over_declared" not in result.metrics else []
+    told += [said for said in (_beyond_bound(result), _diverged(result)) if said]
     reason = str(result.attributes.get("status_reason") or "")
-    if status != COMPLETE:
-        said += f"; {status}: {reason or 'no reason stored'}"
-    elif reason:
-        said = f"{'NOT ACCEPTED' if not_accepted(result) else 'BUT'}: {reason}. {said}"
-    if first := reservations(result):
-        said = f"{'; '.join(first).upper()}. {'. '.join(_reserved(result))}. Its accuracy alone: {said}"
-    return " ".join([f"{said}. {_limits(result)}", *findings(result)])
+    told += [f"{status}: {reason or 'no reason stored'}"] if status != COMPLETE else []
+    first = f"{found.grade.upper()}: {'; '.join(told)}."
+    if status == COMPLETE and reason:
+        first = f"{'NOT ACCEPTED' if not_accepted(result) else 'BUT'}: {reason}. {first}"
+    if stands_against := reservations(result):
+        first = f"{'; '.join(stands_against).upper()}. {'. '.join(_reserved(result))}. Its accuracy alone: {first}"
+    return [first, _measured(result), *findings(result)]
+
+
+def _measured(result: Result) -> str:
+    """Return the sentence on the measured error, the true one beside SIM-DELAY's, and the limits of the grades."""
+    limits, compensation = grade_limits(result), compensation_of(result.metrics)
+    own = np.atleast_1d(np.asarray(result.metrics.get("exp_rths.nrmse_percent", np.nan), dtype=float))
+    said = [f"measured {three(own.max())} % of SIM as declared"] if np.isfinite(own).all() else []
+    said += [f"likely {three(compensation.ratio)} of SIM-DELAY"] if compensation is not None else []
+    known = f"{', '.join(said)}; " if said else ""
+    worth = f", {compensation.limit(limits):g}" if compensation is not None else ""
+    sentence = f"{known}limits good {limits.good_percent:g} %, usable {limits.usable_percent:g} %{worth}."
+    return sentence[0].upper() + sentence[1:]
 
 
 def _cause_in_words(result: Result, found: Grade) -> str:
@@ -336,20 +357,13 @@ def _cause_in_words(result: Result, found: Grade) -> str:
 
 def _bound(found: Grade, up_to: str = "") -> str:
     bound, median = three(found.percent), three(found.median)
-    return f"true error{up_to} below {bound} % of SIM with 95 %, as likely as not below {median} %"
+    return f"true error{up_to} below {bound} % of SIM (95 %), likely {median} %"
 
 
 def findings(result: Result) -> list[str]:
     """Return a sentence on each finding beside the grade: what changed, what the specimen is beside its declaration,
-    whether the test was safe, and whether compensation and specimen are worth it, with figures and limits."""
-    return [*_changed(result), *_beside_declaration(result), *_safe(result), *_worth(result)]
-
-
-def _safe(result: Result) -> Iterator[str]:
-    stands, must = (result.metrics.get(f"check.{name}_table_error") for name in ("tolerated", "required"))
-    if result.attributes.get("check_verdict") == "safe" and stands is not None and must is not None:
-        figures = (three(100.0 * float(np.asarray(one))) for one in (stands, must))
-        yield "Safe: the loop tolerates {} % table error, {} % required.".format(*figures)
+    and where compensation or specimen are hardly worth it, with figures and limits."""
+    return [*_changed(result), *_beside_declaration(result), *_hardly_worth(result)]
 
 
 def _changed(result: Result) -> Iterator[str]:
@@ -386,31 +400,22 @@ def _plus_minus(one: Deviation) -> str:
     return f"{one.percent:+.{digits}f} +- {one.error:.{digits}f}"
 
 
-def _worth(result: Result) -> Iterator[str]:
+def _hardly_worth(result: Result) -> Iterator[str]:
     limits, compensation, part = (
         grade_limits(result), compensation_of(result.metrics), physical_part_of(result.metrics)
     )  # fmt: skip
-    well = []
-    if compensation is not None:
-        ratio, limit = three(compensation.ratio), compensation.limit(limits)
-        if compensation.ratio > limit:
-            worse = ", worse than no compensation" if compensation.ratio > 1.0 else ""
-            where = f"limit {limit:g}, storey {compensation.storey}"
-            yield f"The compensation is hardly worth it: true error {ratio} of SIM-DELAY's{worse} ({where})."
-        else:
-            well.append(f"true error {ratio} of SIM-DELAY's (limit {limit:g})")
-    if part is not None:
-        share = (
-            f"its base shear is {three(part.share)} of the interface floor's inertia force (at least {LEAST_SHARE:g})"
+    if compensation is not None and compensation.ratio > (limit := compensation.limit(limits)):
+        worse = ", worse than no compensation" if compensation.ratio > 1.0 else ""
+        where = f"limit {limit:g}, storey {compensation.storey}"
+        ratio = three(compensation.ratio)
+        yield f"The compensation is hardly worth it: true error {ratio} of SIM-DELAY's{worse} ({where})."
+    if part is not None and not part.matters(limits):
+        change = f"without it computed storeys move within {three(part.without_percent)} % of SIM"
+        known = f", {change} (at least {limits.good_percent:g} %)" if np.isfinite(part.without_percent) else ""
+        yield (
+            f"The specimen hardly matters: its base shear is {three(part.share)} of the interface floor's inertia "
+            f"force (at least {LEAST_SHARE:g}){known}; the test says little about it."
         )
-        if part.matters(limits):
-            well.append(share.replace("its", "the specimen's").replace(" is ", " "))
-        else:
-            change = f"without it computed storeys move within {three(part.without_percent)} % of SIM"
-            known = f", {change} (at least {limits.good_percent:g} %)" if np.isfinite(part.without_percent) else ""
-            yield f"The specimen hardly matters: {share}{known}; the test says little about it."
-    if well:
-        yield f"Worth it: {', '.join(well)}."
 
 
 def reservations(result: Result) -> tuple[str, ...]:
@@ -442,7 +447,7 @@ def _beyond_bound(result: Result) -> str:
     if not true.size or true.shape != bound.shape or not np.any(true > bound):
         return ""
     worst = int(np.argmax(true / bound))
-    return f"; the simulated truth is {three(true[worst] / bound[worst])} times the stated bound of storey {worst + 1}"
+    return f"the simulated truth is {three(true[worst] / bound[worst])} times the stated bound of storey {worst + 1}"
 
 
 def _virtual(result: Result) -> bool:
@@ -466,27 +471,29 @@ def _diverged(result: Result) -> str:
     return "" if at_s is None else f"SIM-DELAY diverged at {three(float(np.asarray(at_s)))} s and is not compared"
 
 
-def _without_grade(result: Result, status: str) -> str:
-    """Return the sentence of a result without errors of an EXP-RTHS."""
+def _without_grade(result: Result, status: str) -> list[str]:
+    """Return the sentences on a result without errors of an EXP-RTHS."""
     end = _ended(result, "exp_rths")
     if end == COMPLETE and not _has_reference(result):
-        return "NOT GRADED: the caller's own numerical substructure declares no building, so SIM is not its reference."
+        return [
+            "NOT GRADED: the caller's own numerical substructure declares no building, so SIM is not its reference."
+        ]
     if end == COMPLETE and (why := result.attributes.get("no_true_error_bound")):
         more = f" The run {status}: {result.attributes.get('status_reason')}." if status != COMPLETE else ""
-        return " ".join([f"NOT GRADED: no bound of the true error is stated, {why}.{more}", *findings(result)])
+        return [f"NOT GRADED: no bound of the true error is stated, {why}.{more}", *findings(result)]
     if end == COMPLETE and status == COMPLETE:
         version = result.attributes.get("rths_version") or "an unknown version"
-        return f"NOT GRADED: the file, written by rths {version}, states no bound of the true error after the run."
+        return [f"NOT GRADED: the file, written by rths {version}, states no bound of the true error after the run."]
     names = ("exp_rths_status_reason", "status_reason")
     reason = next((str(text) for name in names if (text := result.attributes.get(name))), "no reason stored")
     if end is not None or status != COMPLETE:
         word = status if end is None or end == COMPLETE else end
         table = str(result.attributes.get("shake_table_status_reason") or "")
         before = f"; before it {table}" if _ended(result, "shake_table") == "aborted" and table not in reason else ""
-        return f"{word.upper()}: {without_run(result, reason)}{before}"
+        return [f"{word.upper()}: {without_run(result, reason)}{before}"]
     labels = RUN_NAMES | {"shake_table": "the shake-table test"}
     done = [label for group, label in labels.items() if group in result.groups]
-    return f"NO HYBRID TEST: the case asks for {' and '.join(done) or 'nothing'} alone."
+    return [f"NO HYBRID TEST: the case asks for {' and '.join(done) or 'nothing'} alone."]
 
 
 def _ended(result: Result, run: str) -> str | None:
@@ -640,18 +647,18 @@ def storeys_with_laws(result: Result) -> str:
 
 
 def fidelity(result: Result) -> str:
-    """Return the sentences on effective delay and gain of the table and on the largest peak error, "" if not known."""
+    """Return the sentence on effective delay and gain of the table and on the largest peak error, "" if not known."""
     said = []
     delay, gain = (result.metrics.get(f"exp_rths.fei_{name}") for name in ("delay_s", "amplitude"))
     if delay is not None and gain is not None:
         delay_ms, times = 1e3 * float(np.asarray(delay)), float(np.asarray(gain))
         late = f"{three(abs(delay_ms))} ms {'late' if delay_ms >= 0.0 else 'early'}"
-        said.append(f"The shake table was {late} and moved {times:.4f} times as desired (FEI).")
+        said.append(f"table {late}, gain {times:.4f} (FEI)")
     if (worst := _worst_peak(result)) is not None:
-        said.append(f"Worst peak error {three(worst[1])} % of SIM's peak (storey {worst[0] + 1}).")
-    return " ".join(said)
+        said.append(f"worst peak error {three(worst[1])} % (storey {worst[0] + 1})")
+    sentence = "; ".join(said)
+    return f"{sentence[0].upper()}{sentence[1:]}." if said else ""
 
 
 def _next(result: Result) -> str:
-    more = f"rths report {result.path}, with --figures DIR or --format html --output FILE"
-    return f"result {result.path}; more by: {more}"
+    return f"result {result.path}; more: rths report with --full, --figures DIR, or --format html"

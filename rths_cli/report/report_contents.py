@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
+from rths_cli.report.answer import answer_document
 from rths_cli.report.document import Document, Section
 from rths_cli.report.group_comparison import (
     CaseChanges,
@@ -101,12 +102,26 @@ def comparison(found: Contents) -> Document:
     return [*_comparisons(found), *_faulty(found)]
 
 
-def all_sections(found: Contents, laid_out: bool, paper: bool = False) -> Document:
-    """Return all sections of a report; `laid_out`: for a terminal; `paper`: claims in any case (see `document`)."""
+def all_sections(found: Contents, paper: bool = False) -> Document:
+    """Return all sections of a report; `paper`: claims in any case (see `document`)."""
     results = found.inputs.results
-    shown = document(results, laid_out=laid_out, paper=paper) if results else []
-    sweeps = (section for path, sweep in found.inputs.sweeps for section in sections(sweep, path))
-    return [*shown, *_comparisons(found), *sweeps, *_faulty(found)]
+    shown = document(results, paper=paper) if results else []
+    return [*shown, *_comparisons(found), *_swept(found), *_faulty(found)]
+
+
+def page_sections(found: Contents, full: bool, paper: bool) -> Document:
+    """Return what a terminal shows: comparisons that are asked for, the answer, sweeps and faults of the files.
+
+    `full`: every figure of the results below; `paper`: their errors beside published ones, and the paper's claims.
+    """
+    results = found.inputs.results
+    told = answer_document(results, whole=full) if results else []
+    tables = document(results, laid_out=True, paper=paper, brief=not full) if results and (full or paper) else []
+    return [*_comparisons(found), *told, *_swept(found), *_faulty(found), *tables]
+
+
+def _swept(found: Contents) -> Iterator[Section]:
+    return (section for path, sweep in found.inputs.sweeps for section in sections(sweep, path))
 
 
 def _comparisons(found: Contents) -> Iterator[Section]:

@@ -15,7 +15,7 @@ from rths_cli.files.result_writer import check_writable, refusal
 from rths_cli.files.sweep_parquet import check_parquet
 from rths_cli.report.group_comparison import DEFAULT_PERCENT
 from rths_cli.report.input_files import read_inputs
-from rths_cli.report.report_contents import Contents, all_sections, contents
+from rths_cli.report.report_contents import Contents, all_sections, contents, page_sections
 from rths_cli.report.result_scale import in_model_scale, reported, scale_words
 from rths_cli.safe_text import visible
 
@@ -40,7 +40,8 @@ class Asked:
     keep_going: bool  # whether files that cannot be used are skipped
     junit: Path | None  # JUnit file; None: none is written
     replace: bool = True  # whether files that exist may be replaced
-    paper: bool = False  # whether the paper's claims are judged for cases without a reference, too
+    full: bool = False  # whether a text has every figure
+    paper: bool = False  # whether it has published errors, and the paper's claims in any case
     report_in: str | None = None  # model or prototype; None: as the cases state it
     parquet: Path | None = None  # file for the table of a sweep; None: none is written
 
@@ -115,14 +116,14 @@ def rendered(asked: Asked, found: Contents) -> str:
     if asked.table == "markdown":
         from rths_cli.report.to_files import markdown
 
-        return markdown(all_sections(found, laid_out=False, paper=asked.paper))
+        return markdown(all_sections(found, paper=asked.paper))
     if asked.table == "latex":
         from rths_cli.report.to_files import latex
 
-        return latex(all_sections(found, laid_out=False, paper=asked.paper))
+        return latex(all_sections(found, paper=asked.paper))
     from rths_cli.report.to_text import text
 
-    return text(all_sections(found, laid_out=True, paper=asked.paper))
+    return text(page_sections(found, asked.full, asked.paper))
 
 
 def check_output(option: str, path: Path, inputs: Iterable[Path], replace: bool = True) -> tuple[Path, ...]:

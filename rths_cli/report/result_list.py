@@ -55,10 +55,9 @@ def _listed(path: Path) -> ListedResult:
 
 
 def _end(result: Result) -> str:
-    """Return how a result without a grade ended."""
-    about = result.attributes
-    ended = about.get("exp_rths_status") or about.get("status")
-    return "no grade" if ended == COMPLETE and "exp_rths" in result.groups else str(ended or "-")
+    """Return how a result without a grade ended, a dash where nothing went wrong."""
+    ended = result.attributes.get("exp_rths_status") or result.attributes.get("status")
+    return "-" if ended == COMPLETE else str(ended)
 
 
 def as_document(results: Sequence[ListedResult], folder: Path) -> Document:

@@ -80,17 +80,6 @@ def document(
     return [*said, *(section for group in groups for section in _sections(group, laid_out, paper, brief))]
 
 
-def has_reference(result: Result) -> bool:
-    """Return whether the case of a result names published figures to be compared with."""
-    return bool(result.attributes.get("reference_title"))
-
-
-def of_one_case(results: Sequence[Result]) -> list[Result]:
-    """Return the results with published figures if they are of one case, by whatever methods; else none."""
-    published = [result for result in results if has_reference(result)]
-    return published if len({result.attributes.get("case_name") for result in published}) == 1 else []
-
-
 def to_json(results: Sequence[Result]) -> dict[str, object]:
     """Return every result with every metric by its path; what is not a finite number is null."""
     return {"results": [_json_result(result) for result in results]}

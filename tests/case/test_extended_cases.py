@@ -96,7 +96,7 @@ def test_a_folder_or_a_pattern_stands_for_its_cases(folder: Path) -> None:
     assert [Path(name).name for name in case_files(["night"])] == names
     assert case_files(["night/?.y*ml", "night/b.yaml", "base"]) == ["night/a.yml", "night/b.yaml", "base"]
     assert kind_of(inside / "rig.yaml") == "rigs" and kind_of(inside / "b.yaml") in ("cases", "")
-    with pytest.raises(InputError, match=r"night/\*\.csv: holds no case file"):
+    with pytest.raises(InputError, match=r"night/\*\.csv: matches no file"):
         case_files(["night/*.csv"])
 
 
@@ -110,8 +110,7 @@ def test_cases_that_cannot_be_used_are_told_apart(folder: Path) -> None:
     assert {name: len(error.faults) for name, error in refused.items()} == {"b.yaml": 1, "c.yaml": 1}
     with pytest.raises(InputError, match="must be key=value"):
         load_each(names, ["scaling"], ())
-    with pytest.raises(InputError, match="damping"):
-        load_each(["b.yaml"], [], ())
+    assert load_each(["b.yaml"], [], ())[0] == []
 
 
 def test_the_schema_knows_it() -> None:

@@ -95,7 +95,7 @@ def test_names_of_structures_records_and_rigs_complete(tmp_path: Path, monkeypat
         "plain,aps400_virtual",
     ]
     assert complete("doctor", "--rig", "udp_l") == ["plain,udp_loopback"]
-    assert complete("list", "re") == ["plain,records", "plain,references"]
+    assert complete("list", "re") == ["plain,records", "plain,references", "plain,results"]
 
 
 @pytest.mark.parametrize("option", ["--set", "--vary"])

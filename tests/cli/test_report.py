@@ -63,9 +63,9 @@ def folder(tmp_path: Path) -> Path:
 
 def test_every_format_is_printed_and_written_alike(folder: Path) -> None:
     for name in ("text", "markdown", "csv", "json", "latex"):
-        code, text, errors = report(folder / "results", "--format", name)
+        code, text, errors = report(folder / "results", "--format", name, "--full")
         assert code == 0 and errors == "" and "aborted" in text and "0.002" in text
-        assert report(folder / "results", "--format", name, "--output", folder / "out")[:2] == (0, "")
+        assert report(folder / "results", "--format", name, "--full", "--output", folder / "out")[:2] == (0, "")
         assert (folder / "out").read_text() == text
     assert [path.name for path in folder.iterdir() if path.suffix == ".part"] == []
     code, text, _ = report(folder / "results", "--json")
@@ -74,11 +74,19 @@ def test_every_format_is_printed_and_written_alike(folder: Path) -> None:
     assert [row["status"] for row in rows] == ["complete", "aborted"]
 
 
+def test_the_answer_stands_alone_unless_more_is_asked_for(folder: Path) -> None:
+    one = report(folder / "results" / "a.h5")[1]
+    assert one.startswith("NO HYBRID TEST: ") and "Tracking error" not in one and one.count("\n") <= 16
+    for option in ("--full", "--paper"):
+        longer = report(folder / "results" / "a.h5", option)[1]
+        assert longer.startswith(one[:20]) and "Tracking error of the table" in longer
+
+
 def test_faults_are_exit_2_and_the_good_ones_are_reported_where_asked(folder: Path) -> None:
     (folder / "results" / "c.h5").write_text("x")
     assert "c.h5: is not an HDF5 file" in refused(folder / "results", "--output", folder / "out")
     assert not (folder / "out").exists()
-    code, text, errors = report(folder / "results", "--keep-going")
+    code, text, errors = report(folder / "results", "--keep-going", "--full")
     assert code == 1 and "0.0020" in text and "Not in the tables" in text
     assert errors.count("c.h5: is not an HDF5 file") == 1
 

@@ -12,7 +12,7 @@ from made_up_files import FIGURES, write
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import TEXTS, Figure, Sweep, write_sweep
 from rths_cli.report.input_files import read_inputs
-from rths_cli.report.report_contents import all_sections, contents
+from rths_cli.report.report_contents import contents, page_sections
 from rths_cli.report.to_text import text as printed
 
 
@@ -67,7 +67,7 @@ def test_the_good_ones_are_reported_and_the_others_told(bad: dict[str, Path], tm
     found = report([*bad.values(), tmp_path / "good.h5"])
     assert [result.path.name for result in found.inputs.results] == ["good.h5"]
     assert len(found.faults) == len(bad)
-    text = " ".join(printed(all_sections(found, laid_out=True)).split())
+    text = " ".join(printed(page_sections(found, full=True, paper=False)).split())
     assert "0.0100" in text and all(word in text for word in bad)
     with pytest.raises(InputError):
         report(list(bad.values()))  # nothing is left to report
@@ -131,7 +131,7 @@ def test_a_sweep_is_shown_by_its_own_text_and_a_damaged_one_told(tmp_path: Path)
     path = tmp_path / "sweep.h5"
     write_sweep(path, Sweep(about, "a", "b", 2, {}, np.array([0, 1]), texts, figures))
     found = report([path, write(tmp_path / "run.h5")])
-    text = printed(all_sections(found, laid_out=True))
+    text = printed(page_sections(found, full=True, paper=False))
     assert "swept: RMS errors" in text and "200.00" in text and "0.0100" in text
     assert report([path]).inputs.results == ()
     path.write_bytes(path.read_bytes()[:-3000])

@@ -77,12 +77,13 @@ def test_a_run_that_did_not_finish_is_an_error_and_one_without_limits_a_test(tmp
     aborted = made(tmp_path / "b.h5", status="aborted", reason='too <far> & "wide"\x07', accept='{"exp_rths.j2": 1}')
     refused = made(tmp_path / "c.h5", status="refused", reason="unsafe")
     unread = [Unread(Path("x/d.h5"), "x/d.h5: is truncated.")]
-    root = checked(junit([made(tmp_path / "a.h5"), aborted, refused], unread, [("e", "the link failed")]))
+    root = checked(junit([made(tmp_path / "a.h5"), aborted, refused], unread, [("e", "the link failed", 12.5)]))
     assert ends(root) == ["passed", "error", "error", "error", "error"]
     messages = [case[0].attrib["message"] for case in root.iter("testcase") if len(case)]
     assert messages == ['aborted: too <far> & "wide"?', "refused: unsafe", "x/d.h5: is truncated.", "the link failed"]
     assert [suite.attrib["name"] for suite in root] == ["demo.best", "demo.best", "demo.best", "d", "e"]
     assert root[0].attrib["timestamp"] == "2026-01-02T03:04:05"
+    assert [float(suite.attrib["time"]) for suite in root] == [0.0, 0.0, 0.0, 0.0, 12.5]
 
 
 def test_limits_that_cannot_be_read_are_a_sentence(tmp_path: Path) -> None:

@@ -47,18 +47,18 @@ class Suite:
 def junit(
     results: Sequence[Result],
     unread: Sequence[Unread] = (),
-    failed: Sequence[tuple[str, str]] = (),
+    failed: Sequence[tuple[str, str, float]] = (),
     changes: Sequence[CaseChanges] = (),
     seconds: Mapping[Path, float] | None = None,
 ) -> str:
-    """Return JUnit XML of results, of files that cannot be read, of runs without a file (name and reason), and of
+    """Return JUnit XML of results, of files that cannot be read, of runs without a file (name, reason, seconds), and of
     judged `changes` against a baseline. `seconds`: what the run of each result took, where that is known.
 
     Raises InputError if the limits stored in a result cannot be read.
     """
     suites = [_suite(result, (seconds or {}).get(result.path, 0.0)) for result in results]
     suites += [_broken(one.path.stem, one.sentence) for one in unread]
-    suites += [_broken(name, reason, "run is complete") for name, reason in failed]
+    suites += [_broken(name, reason, "run is complete", took) for name, reason, took in failed]
     suites += [Suite(f"baseline.{one.case}", NEVER, (), (_compared(one),)) for one in changes]
     root = Element("testsuites")
     for number, suite in enumerate(suites):
@@ -111,8 +111,8 @@ def _limit(one: Judged) -> str:
     return f"|{one.path}| <= {one.limit:g}"
 
 
-def _broken(name: str, sentence: str, test: str = "result can be read") -> Suite:
-    return Suite(name, NEVER, (), (Test(test, "error", sentence),))
+def _broken(name: str, sentence: str, test: str = "result can be read", seconds: float = 0.0) -> Suite:
+    return Suite(name, NEVER, (), (Test(test, "error", sentence),), seconds)
 
 
 def _add(root: Element, suite: Suite, number: int) -> None:

@@ -120,7 +120,7 @@ def test_the_first_section_shows_verdict_building_and_record(tmp_path: Path) -> 
     found = page_reader.read(text)
     words = " ".join(found.words().split())
     assert verdict(result) in words and verdict(result).startswith(
-        "USABLE: on a virtual rig true error below 3.40 % of SIM with 95 %, as likely as not below 1.80 % (storey 2)"
+        "USABLE: true error below 3.40 % of SIM (95 %), likely 1.80 %, storey 2, virtual rig"
     )
     assert words.index(verdict(result)) < words.index("Response by storey") < words.index("Status and limits")
     assert (

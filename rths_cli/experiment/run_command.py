@@ -236,8 +236,15 @@ def _run_jobs(
                 watcher.message(taken_sentence(path, ended.path))
             watcher.ended(ended, ended.seconds)
             if setup.rig.can.moves_hardware and ended.exit_code > 1:
-                break  # a person looks at the table before it moves again
+                results += [_not_run(left, path) for left, _ in jobs[number - before :]]
+                break
     return results
+
+
+def _not_run(setup: Setup, stopped: Path) -> Ended:
+    """Return the end of a case that a real rig does not begin after `stopped`, which did not end as planned."""
+    reason = f"not begun after {stopped.stem}: a person looks at the table before it moves again"
+    return Ended(setup.case.name, None, "not run", reason, 1)
 
 
 def cases_at_once(jobs: Sequence[Job], most: int | None = None) -> int:

@@ -249,9 +249,8 @@ def _said_of_all(results: Sequence[Result], grades: Sequence[Grade | None]) -> s
 
 def _next_of(results: Sequence[Result]) -> str:
     """Return what to do next with several results."""
-    folder = results[0].path.parent
-    tables = ", with the tables of their reference" if any(_has_published(one) for one in results) else ""
-    return f"more by: rths report {folder}{tables}"
+    published = ", or --paper" if any(_has_published(one) for one in results) else ""
+    return f"more: rths report {results[0].path.parent} with --full{published}"
 
 
 def _has_published(result: Result) -> bool:

@@ -77,14 +77,14 @@ Values = Mapping[str, Array]
 
 
 def pages(checked: Sequence[Checked]) -> str:
-    """Return a page for each case and, for several cases, a summary with a line for each case."""
+    """Return a page for each case and, for several cases, before them a summary with a line for each case."""
     sections = [section for one in checked for section in _sections(one)]
     if len(checked) < 2:
         return text(sections)
     rows = [[_name(one.about), one.verdict, _why(one)] for one in checked]
     widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
     lines = [f"{name:<{widths[0]}}  {verdict:<{widths[1]}}  {why}".rstrip() for name, verdict, why in rows]
-    return text([*sections, [Line(line, indent=LABEL) for line in lines]])
+    return text([[Line(line, indent=LABEL) for line in lines], *sections])
 
 
 def page(checked: Checked) -> str:
@@ -94,7 +94,8 @@ def page(checked: Checked) -> str:
 
 def _sections(checked: Checked) -> Document:
     values = {path: np.atleast_1d(np.asarray(value, dtype=float)) for path, value in checked.metrics.items()}
-    sections = [_about(checked.about, _counters(values))]
+    title, *about = _about(checked.about, _counters(values))
+    sections = [[title, *_verdict(checked), *about]]
     if "check.spectral_radius" in values:
         sections += [
             _stability(values),
@@ -107,7 +108,8 @@ def _sections(checked: Checked) -> Document:
     sections.append(_guard(values, checked.of_guard))
     if intervals := intervals_of(checked.metrics):
         sections.append(_over_samples(intervals))
-    sections.append(_verdict(checked))
+    notes: list[Block] = [labelled("note", one) for one in checked.warnings if one not in checked.reasons]
+    sections.append(notes)
     return sections
 
 
@@ -353,13 +355,12 @@ def _over_samples(intervals: Mapping[str, Interval]) -> list[Block]:
 
 
 def _verdict(checked: Checked) -> list[Block]:
-    """Return the lines on warnings, verdict and reasons; a warning that is a reason is told once."""
-    notes = [labelled("note", warning) for warning in checked.warnings if warning not in checked.reasons]
-    of_runs = ", ".join(f"{label} {verdict}" for label, verdict in checked.runs)
-    notes += [labelled("table runs", of_runs)] if len(checked.runs) > 1 else []
+    """Return the lines on verdict and reasons; a warning that is a reason is told once, here."""
     first = " ".join(filter(None, (checked.verdict, _if_right(checked))))
     first = f"{checked.verdict}: {checked.reasons[0]}" if checked.reasons else first
-    return [*notes, labelled("verdict", first, checked.verdict), *(labelled("", one) for one in checked.reasons[1:])]
+    of_runs = ", ".join(f"{label} {verdict}" for label, verdict in checked.runs)
+    runs = [labelled("table runs", of_runs)] if len(checked.runs) > 1 else []
+    return [labelled("verdict", first, checked.verdict), *(labelled("", one) for one in checked.reasons[1:]), *runs]
 
 
 def _one(values: Values, name: str) -> float:

@@ -27,7 +27,7 @@ from rths_cli.identification.results import (
 from rths_cli.identification.verdict import LIMITS, agree
 from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Array, ComplexArray, Model
-from rths_cli.report.document import Block, Line, Table, grid, labelled
+from rths_cli.report.document import Block, Document, Line, Table, grid, labelled
 from rths_cli.report.numbers import DASH, json_data, percent, rounded, significant, with_uncertainty
 from rths_cli.report.to_text import text
 
@@ -265,23 +265,23 @@ __all__ = ["as_document", "page", "rejected_document", "rejected_page", "title",
 
 
 def page(found: Identification, about: About) -> str:
-    """Return the page: data, channels, table model, residuals, level dependence, specimen, verdict."""
-    sections = [
-        _data(about),
+    """Return the page: verdict, data, channels, table model, residuals, level dependence, specimen, warnings."""
+    sections: Document = [
+        _data(about, _verdict(found.verdict)),
         _channels(found.channels, found.compared),
         _table(found),
         root_lines(found.roots),
         _residuals(found.residuals),
         [*_levels(found.levels, found.causes, found.compared), *_friction(found)],
         specimen_lines(found),
-        _verdict(found.verdict),
+        [labelled("warning", warning) for warning in found.verdict.warnings],
     ]
     return text(sections)
 
 
 def rejected_page(channels: Sequence[ChannelReport], faults: Sequence[str], about: About) -> str:
-    """Return the page of data from which no model can be made: channels, and a line for each reason."""
-    return text([_data(about), _channels(channels, about.compared), _rejected(faults)])
+    """Return the page of data from which no model can be made: a line for each reason, and the channels."""
+    return text([_data(about, _rejected(faults)), _channels(channels, about.compared)])
 
 
 def title(about: About) -> str:
@@ -303,8 +303,9 @@ def verdict_sentence(verdict: Verdict) -> str:
     )
 
 
-def _data(about: About) -> list[Block]:
-    return [Line(title(about)), labelled("data", about.source), *(labelled(label, text) for label, text in about.lines)]
+def _data(about: About, verdict: list[Block]) -> list[Block]:
+    lines = (labelled(label, text) for label, text in about.lines)
+    return [Line(title(about)), *verdict, labelled("data", about.source), *lines]
 
 
 def _channels(channels: Sequence[ChannelReport], compared: ComparedBand) -> list[Block]:
@@ -485,11 +486,10 @@ def _in_slip(friction: Friction) -> str:
 
 
 def _verdict(verdict: Verdict) -> list[Block]:
-    """Return the lines on warnings and verdict."""
-    warnings: list[Block] = [labelled("warning", warning) for warning in verdict.warnings]
+    """Return the lines on the verdict."""
     if not verdict.accepted:
-        return warnings + _rejected(verdict.reasons)
-    return [*warnings, labelled("verdict", verdict_sentence(verdict), "accepted")]
+        return _rejected(verdict.reasons)
+    return [labelled("verdict", verdict_sentence(verdict), "accepted")]
 
 
 def _rejected(reasons: Sequence[str]) -> list[Block]:

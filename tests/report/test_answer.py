@@ -420,7 +420,7 @@ def test_eight_cases_take_40_lines_of_80_columns_and_no_note_is_lost(
     assert shown >= 20 and any(line.startswith(f"(notes shortened, {26 - shown} more left out;") for line in lines)
     whole = " ".join(answers(results, 80, whole=True).split())
     assert whole.count("channel table is not usable") == 8 and whole.count("state key_h to decide") == 3
-    assert "with the tables of their reference" in " ".join(lines)
+    assert "with --full, or --paper" in " ".join(lines)
 
 
 def test_notes_that_differ_in_figures_alone_are_told_once(tmp_path: Path) -> None:

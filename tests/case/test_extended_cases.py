@@ -81,6 +81,20 @@ def test_what_cannot_be_extended_is_one_sentence(folder: Path, text: str, told: 
     assert len(refused.value.faults) == 1
 
 
+def test_a_rig_that_the_other_case_states_is_no_rig_file(folder: Path) -> None:
+    """A real rig moves unattended by its own file alone, never by a case."""
+    inline = "table: {name: mine, extends: aps400_virtual}\n"
+    write("with_rig.yaml", f"{BASE}{inline}")
+    (named,) = load_cases(["base.yaml"])
+    (stated,) = load_cases([write("own.yaml", "extends: with_rig\nscaling: 0.2\n")])
+    assert named.rig_file is not None and stated.rig_file == named.rig_file  # the shipped file states the kind
+    text = Path(named.rig_file).read_text()
+    write("whole.yaml", BASE + "table:\n" + "".join(f"  {line}\n" for line in text.splitlines()))
+    for name in ("whole.yaml", write("child.yaml", "extends: whole\nscaling: 0.2\n")):
+        (case,) = load_cases([name])
+        assert case.rig_file is None, name
+
+
 def test_a_folder_or_a_pattern_stands_for_its_cases(folder: Path) -> None:
     inside = folder / "night"
     inside.mkdir()

@@ -441,6 +441,25 @@ def test_every_field_of_a_tuple_is_read_where_it_stands_and_its_arrays_are_the_c
     assert square[1, 1] == -1.0
 
 
+class Small(NamedTuple):
+    single: np.float32
+    flag: np.bool_
+    few: np.int16
+
+
+@entry
+def read_small(small: Small, into: Array) -> None:
+    into[0], into[1], into[2] = small.single, 1.0 if small.flag else 0.0, small.few
+
+
+def test_numbers_of_other_widths_are_read_as_they_are_and_what_is_none_is_refused() -> None:
+    into = np.zeros(3)
+    read_small(Small(np.float32(1.5), np.bool_(True), np.int16(-3)), into)
+    assert into.tolist() == [1.5, 1.0, -3.0]
+    with pytest.raises(TypeError, match="takes numbers, arrays and NamedTuples of these, not str"):
+        read_small(Small("a", np.bool_(True), np.int16(1)), into)  # type: ignore[arg-type]
+
+
 def greedy(n: int) -> float:
     return np.zeros(n).sum()
 

@@ -340,7 +340,7 @@ def _measured(result: Result) -> str:
     own = np.atleast_1d(np.asarray(result.metrics.get("exp_rths.nrmse_percent", np.nan), dtype=float))
     said = [f"measured {three(own.max())} % of SIM as declared"] if np.isfinite(own).all() else []
     said += [f"likely {three(compensation.ratio)} of SIM-DELAY"] if compensation is not None else []
-    known = f"{', '.join(said)}; " if said else ""
+    known = "".join(f"{one}; " for one in said)
     worth = f", {compensation.limit(limits):g}" if compensation is not None else ""
     sentence = f"{known}limits good {limits.good_percent:g} %, usable {limits.usable_percent:g} %{worth}."
     return sentence[0].upper() + sentence[1:]
@@ -660,4 +660,4 @@ def fidelity(result: Result) -> str:
 
 
 def _next(result: Result) -> str:
-    return f"result {result.path}; more: rths report with --full, --figures DIR, or --format html"
+    return f"result {result.path}; more: rths report --full, --figures DIR or --format html"

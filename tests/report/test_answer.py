@@ -123,7 +123,7 @@ def test_what_was_measured_stands_in_the_second_line_and_what_is_hardly_worth_it
     }  # fmt: skip
     first, *more = verdict_lines(read_result(written(tmp_path / "a.h5", values)))
     assert first.startswith("GOOD: ") and more == [
-        "Measured 0.300 % of SIM as declared, likely 0.750 of SIM-DELAY; limits good 2 %, usable 5 %, 1."
+        "Measured 0.300 % of SIM as declared; likely 0.750 of SIM-DELAY; limits good 2 %, usable 5 %, 1."
     ]
     light = values | {"exp_rths.specimen_share": 0.002, "sim_delay.nrmse_percent": np.full(3, 0.03)}
     said = verdict(read_result(written(tmp_path / "b.h5", light)))
@@ -258,7 +258,7 @@ def test_an_aborted_test_of_the_table_stands_beside_the_refusal(tmp_path: Path) 
 GOLDEN = """\
 GOOD: true error below 0.200 % of SIM (95 %), likely 0.100 %, storey 1, virtual
   rig; if sensors and masses are as declared.
-Measured 0.200 % of SIM as declared, likely 0.00500 of SIM-DELAY; limits good 2
+Measured 0.200 % of SIM as declared; likely 0.00500 of SIM-DELAY; limits good 2
   %, usable 5 %, 0.1.
 own: 30 % quake, damping low (2.6 % in mode 1), FF+FB by method best, virtual
   rig bench
@@ -280,7 +280,7 @@ def test_the_answer_of_one_result(tmp_path: Path) -> None:
     text = answer(read_result(path), 80)
     assert text.startswith(GOLDEN)
     rest = " ".join(text.removeprefix(GOLDEN).split())
-    assert rest == f"result {path}; more: rths report with --full, --figures DIR, or --format html"
+    assert rest == f"result {path}; more: rths report --full, --figures DIR or --format html"
 
 
 @pytest.mark.parametrize("width", [20, 60, 72, 80, 100, 200])

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option
+from rths_cli.cli.options import json_option, methods_option, overrides_option, quiet_option, settings_option
 from rths_cli.cli.terminal import new_screen, show_page
 
 
@@ -18,7 +18,7 @@ from rths_cli.cli.terminal import new_screen, show_page
 @methods_option("compare")
 @overrides_option(["model"], "Use a model although its identification rejected it.")
 @click.option("--resolved", is_flag=True, help="Print the cases with all defaults as YAML, and do nothing else.")
-@click.option("--quiet", is_flag=True, help="Show no progress.")
+@quiet_option
 @settings_option
 @json_option
 def check(
@@ -44,13 +44,15 @@ def check(
         _show_resolved(loaded, as_json)
         return 0
     from rths_cli.experiment.check_command import check_cases
-    from rths_cli.report.check_page import as_document, pages
+    from rths_cli.report.check_page import as_document, one_line, pages
 
     screen = new_screen(quiet)
     checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing)
     screen.clear()
     if as_json:
         click.echo(json.dumps(as_document(checked), indent=2))
+    elif quiet:
+        click.echo("\n".join(map(one_line, checked)))
     else:
         show_page(lambda: pages(checked))
     return max(one.exit_code for one in checked)

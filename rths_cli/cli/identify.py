@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import FILE, Number, json_option, no_replace_option, settings_option, yes_option
+from rths_cli.cli.options import FILE, Number, json_option, no_replace_option, quiet_option, settings_option, yes_option
 from rths_cli.cli.terminal import new_screen, show_page
 from rths_cli.errors import InputError
 
@@ -70,7 +70,7 @@ SAID_S = 5.0  # interval between two lines of progress if stderr is no terminal
     help="Write what was measured, for --data --corrected.",
 )
 @no_replace_option
-@click.option("--quiet", is_flag=True, help="Show no progress.")
+@quiet_option
 @yes_option
 @settings_option
 @json_option
@@ -117,7 +117,7 @@ def identify(
 
         made = make_model(asked, doing, permit, screen.warning)
     screen.clear()
-    _show_identified(made, as_json)
+    _show_identified(made, as_json, quiet)
     return made.exit_code
 
 
@@ -146,9 +146,16 @@ def said_again(screen: Screen, silent: bool, every_s: float = SAID_S) -> Iterato
         ended.set()
 
 
-def _show_identified(made: Any, as_json: bool) -> None:
-    """Print the page of an identification, or with `as_json` its document, and draw its figure."""
-    from rths_cli.report.identification_page import as_document, page, rejected_document, rejected_page
+def _show_identified(made: Any, as_json: bool, quiet: bool) -> None:
+    """Print the page of an identification, with `as_json` its document, with `quiet` its verdict; draw its figure."""
+    from rths_cli.report.identification_page import (
+        as_document,
+        page,
+        rejected_document,
+        rejected_page,
+        rejected_sentence,
+        verdict_sentence,
+    )
 
     found, unfit = made.found, made.unfit
     if found is not None and made.figure:
@@ -159,11 +166,14 @@ def _show_identified(made: Any, as_json: bool) -> None:
         document = as_document(found, made.about) if found is not None else None
         document = document or rejected_document(unfit.channels, unfit.findings, made.about)
         click.echo(json.dumps(document, indent=2))
+    elif quiet:
+        told = rejected_sentence(unfit.faults) if found is None else verdict_sentence(found.verdict)
+        click.echo("; ".join([told, *([str(made.model)] if made.model else [])]))
     elif found is not None:
         show_page(lambda: page(found, made.about))
     else:
         show_page(lambda: rejected_page(unfit.channels, unfit.faults, made.about))
-    if made.model is not None and not as_json:
+    if made.model is not None and not as_json and not quiet:
         click.echo(f"\nto use it in a case:\nidentification: {{model: {_quoted(made.model)}}}")
 
 

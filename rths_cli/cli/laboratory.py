@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import FILE, Number, json_option, settings_option, yes_option
+from rths_cli.cli.options import FILE, Number, json_option, quiet_option, settings_option, yes_option
 from rths_cli.cli.terminal import new_screen, show_page
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def _ask(question: Question) -> str:
 @click.option("--channels", is_flag=True, help="Instead: zeros, noise and range of every channel of the rig, at rest.")
 @click.option("--move", is_flag=True, help="With --channels: compare channels that must agree in a slow, small motion.")
 @click.option("--push", is_flag=True, help="With --channels: tell the signs by a push, for which you are asked.")
-@click.option("--quiet", is_flag=True, help="Show no progress.")
+@quiet_option
 @yes_option
 @settings_option
 @json_option
@@ -139,7 +139,7 @@ def doctor(
     Example: rths doctor --seconds 1
     """
     from rths_cli.laboratory.doctor_request import DoctorRequest, examine_request
-    from rths_cli.report.doctor_page import document, page
+    from rths_cli.report.doctor_page import document, page, verdict
 
     screen = new_screen(quiet)
     request = DoctorRequest(case, rig, rates_hz, seconds, settings)
@@ -152,11 +152,13 @@ def doctor(
         ask_to_move([setup], yes, screen.confirm, played=("",) if case else OF_RIG)
 
     if channels or move or push:
-        return _of_channels(request, (channels, move, push), screen, permit, as_json)
+        return _of_channels(request, (channels, move, push), screen, permit, (as_json, quiet))
     found = examine_request(request, screen.doing, permit)
     screen.clear()
     if as_json:
         click.echo(json.dumps(document(found), indent=2))
+    elif quiet:
+        click.echo(verdict(found))
     else:
         show_page(lambda: page(found))
     return found.exit_code
@@ -167,14 +169,14 @@ def _of_channels(
     asked: tuple[bool, bool, bool],
     screen: Screen,
     permit: Callable[[Setup], None],
-    as_json: bool,
+    form: tuple[bool, bool],
 ) -> int:
     """Show the channels of a rig; return the exit code."""
     from rths_cli.errors import InputError
     from rths_cli.laboratory.doctor_request import channels_request
-    from rths_cli.report.doctor_page import channels_document, channels_page
+    from rths_cli.report.doctor_page import channels_document, channels_page, channels_verdict
 
-    channels, move, push = asked
+    (channels, move, push), (as_json, quiet) = asked, form
     if not channels:
         raise InputError("--move and --push belong to --channels; add it")
 
@@ -186,6 +188,8 @@ def _of_channels(
     screen.clear()
     if as_json:
         click.echo(json.dumps(channels_document(found), indent=2))
+    elif quiet:
+        click.echo(channels_verdict(found))
     else:
         show_page(lambda: channels_page(found))
     return found.exit_code

@@ -86,6 +86,12 @@ def json_option(command: F) -> F:
     )
 
 
+def quiet_option(command: F) -> F:
+    """Add --quiet."""
+    about = "Show no progress, and of the output only the line with the verdict."
+    return click.option("--quiet", is_flag=True, help=about)(command)
+
+
 def no_replace_option(command: F) -> F:
     """Add --no-replace."""
     about = "Refuse, before anything is done, to replace a file that exists."

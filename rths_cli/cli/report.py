@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rths_cli.cli.command_group import SIGNALS, cli
-from rths_cli.cli.options import FILE, Number, command_line, json_option, no_replace_option
+from rths_cli.cli.options import FILE, Number, command_line, json_option, no_replace_option, quiet_option
 from rths_cli.cli.terminal import show_page
 from rths_cli.errors import InputError
 
@@ -78,7 +78,7 @@ PLAIN_S = 5.0  # between two lines where output is no terminal
 @click.option("--parquet", type=FILE, metavar="FILE", help="Write the table of a sweep as Apache Parquet, with units.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
 @no_replace_option
-@click.option("--quiet", is_flag=True, help="Show no progress.")
+@quiet_option
 @json_option
 def report(
     results: tuple[Path, ...],
@@ -203,6 +203,10 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
         write_page(found.inputs.results, asked.output, command_line(), comparison(found), found.inputs.sweeps)
     elif asked.output:
         write_text(asked.output, rendered(asked, found))
+    elif quiet and asked.table in ("", "text"):
+        from rths_cli.report.report_contents import verdicts
+
+        click.echo("".join(f"{line}\n" for line in verdicts(found)), nl=False)
     else:
         text = asked.table in ("", "text")
         show_page(lambda: rendered(asked, found)) if text else click.echo(rendered(asked, found), nl=False)

@@ -18,6 +18,7 @@ from rths_cli.cli.options import (
     methods_option,
     no_replace_option,
     overrides_option,
+    quiet_option,
     settings_option,
 )
 from rths_cli.cli.terminal import new_screen, show_page
@@ -84,7 +85,7 @@ class Part(click.ParamType):
     ["check", "model"],
     "Run what the check refuses, or use a model that was rejected. Repeatable, stored in the result.",
 )
-@click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
+@quiet_option
 @settings_option
 @json_option
 def sweep(
@@ -138,10 +139,12 @@ def sweep(
     screen = new_screen(quiet)
     swept = run_sweep(request, screen)
     screen.clear()
-    from rths_cli.report.sweep_page import document, page
+    from rths_cli.report.sweep_page import document, page, verdict
 
     if as_json:
         click.echo(json.dumps(document(swept.sweep, swept.path) | {"exit_code": swept.exit_code}, indent=2))
+    elif quiet:
+        click.echo(verdict(swept.sweep, swept.path))
     else:
         show_page(lambda: page(swept.sweep, swept.path))
     return swept.exit_code

@@ -26,9 +26,21 @@ if TYPE_CHECKING:
 PLAIN_S = 5.0  # between two lines where output is no terminal
 
 COLOURS = {
-    "green": ("GOOD", "good", "safe", "accepted", "yes"),
-    "yellow": ("USABLE", "usable", "unsafe", "NOT ACCEPTED", "BUT"),
-    "red": ("POOR", "poor", "REFUSED", "ABORTED", "FAILED", "INTERRUPTED", "unstable", "rejected", "no"),
+    "green": ("GOOD", "good", "safe", "accepted", "yes", "HELD", "AS DECLARED", "COMPLETE", "CALIBRATED"),
+    "yellow": ("USABLE", "usable", "unsafe", "NOT ACCEPTED", "BUT", "NOT COMPLETE", "NOTHING MEASURED"),
+    "red": (
+        "POOR",
+        "poor",
+        "REFUSED",
+        "ABORTED",
+        "FAILED",
+        "INTERRUPTED",
+        "unstable",
+        "rejected",
+        "no",
+        "NOT HELD",
+        "NOT AS DECLARED",
+    ),
 }
 """Verdicts by colour."""
 BAR = 30  # characters of the progress bar

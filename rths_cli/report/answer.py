@@ -27,7 +27,7 @@ from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.files.stored_case import stored_case
 from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.report.case_metric_tables import CAUSES
-from rths_cli.report.document import Block, Column, Document, Line, Table, Verdict, by_columns
+from rths_cli.report.document import Block, Column, Document, Line, Table, Verdict, by_columns, verdict_line
 from rths_cli.report.numbers import three
 from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.results_by_case import RUN_NAMES, TABLE_RUNS, judge
@@ -72,7 +72,7 @@ def answer_document(results: Sequence[Result], whole: bool = False) -> Document:
 def _answer(result: Result, whole: bool) -> Document:
     """Return the sections of one answer: test and verdict, storeys, what else is to be said."""
     first, *more = verdict_lines(result)
-    head = [_verdict_line(first), *map(Line, more)]
+    head = [verdict_line(first), *map(Line, more)]
     head += [Line(f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}")]
     head += map(Line, scale_lines([result]))
     table = _table(result)
@@ -86,11 +86,6 @@ def _answer(result: Result, whole: bool) -> Document:
     above, last = [head, [table]] if table else [head], Line(_next(result))
     room = MOST_LINES - text([*above, [*told, last]]).count("\n")
     return [*above, [*told, *_told_notes([result], room, whole), last]]
-
-
-def _verdict_line(sentence: str) -> Line:
-    """Return the sentence of a verdict, which stands before its first colon."""
-    return Line(sentence, verdict=sentence.partition(":")[0])
 
 
 class Note(NamedTuple):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rths_cli.report.document import Line, grid, labelled, labelled_lines
+from rths_cli.report.document import Line, grid, labelled, labelled_lines, verdict_line
 from rths_cli.report.to_text import text
 
 if TYPE_CHECKING:
@@ -18,13 +19,30 @@ ABOUT = (
 )
 
 
+def verdict(made: CalibrationMade) -> str:
+    """Return in one sentence how much was measured, the uncertainties that this leaves, and the file."""
+    measured = sum(row.measured is not None for row in made.rows)
+    word = "CALIBRATED" if measured else "NOTHING MEASURED"
+    before, after = (_percents([getattr(row, when) for row in made.rows]) for when in ("before", "after"))
+    return (
+        f"{word}: {measured} of {len(made.rows)} sensors and masses measured; standard uncertainties {after}, "
+        f"before {before}; wrote {made.file}"
+    )
+
+
+def _percents(shares: Sequence[float]) -> str:
+    """Return the smallest and the largest of some shares in per cent, once where they are equal."""
+    ends = dict.fromkeys(f"{100.0 * end:.3g}" for end in (min(shares), max(shares)))
+    return f"{' to '.join(ends)} %"
+
+
 def page(made: CalibrationMade) -> str:
     """Return the result of `rths calibrate` as text."""
     rows = [_cells(row) for row in made.rows]
     about = made.calibration
     head = f"Calibration of {about.told}, rig {about.rig}{f', ratios of {about.model}' if about.model else ''}"
-    notes = [labelled("wrote", str(made.file)), labelled("uncertainties", ABOUT), *labelled_lines("next", made.notes)]
-    return text([[Line(head), grid([HEADINGS, *rows])], notes])
+    notes = [labelled("uncertainties", ABOUT), *labelled_lines("next", made.notes)]
+    return text([[verdict_line(verdict(made)), Line(head)], [grid([HEADINGS, *rows])], notes])
 
 
 def _cells(row: Row) -> tuple[str, ...]:
@@ -42,4 +60,4 @@ def document(made: CalibrationMade) -> dict[str, Any]:
     """Return the result of `rths calibrate` as a document for JSON."""
     about = made.calibration
     head = {"file": str(made.file), "rig": about.rig, "made_utc": about.made_utc, "by": about.by, "model": about.model}
-    return {**head, "rows": [asdict(row) for row in made.rows], "notes": list(made.notes)}
+    return {"verdict": verdict(made), **head, "rows": [asdict(row) for row in made.rows], "notes": list(made.notes)}

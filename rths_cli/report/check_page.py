@@ -113,6 +113,11 @@ def _sections(checked: Checked) -> Document:
     return sections
 
 
+def one_line(checked: Checked) -> str:
+    """Return the verdict on a case with its reasons in one line."""
+    return ": ".join(filter(None, (_name(checked.about), checked.verdict, _why(checked))))
+
+
 def _name(about: Tested) -> str:
     return f"{about.case} ({about.method})"
 

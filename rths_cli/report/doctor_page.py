@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rths_cli.report.document import Block, Line, Table, Verdict, grid, labelled, labelled_lines
+from rths_cli.report.document import Block, Line, Table, Verdict, grid, labelled, labelled_lines, verdict_line
 from rths_cli.report.numbers import DASH
 from rths_cli.report.to_text import text
 
@@ -19,17 +19,32 @@ if TYPE_CHECKING:
 HEADINGS = ("rate, Hz", "p50", "p99", "p99.9", "max", "late", "missed", "held")
 
 
-def page(found: Examined) -> str:
-    """Return the result of `rths doctor` as text."""
+def verdict(found: Examined) -> str:
+    """Return in one sentence whether the rates that have to be held are held, and the highest one that is."""
     if found.counted:
-        told = f"{found.counted} counts its steps: it was listened to at rest, and no rate has to be held"
-        return text([[labelled("rig", told)]])
-    sections = [[*_machine(found.machine, found.granted), _granted(found.granted)]]
+        return f"HELD: {found.counted} counts its steps: it was listened to at rest, and no rate has to be held"
+    best = found.recommended_hz
+    up_to = f"at most {best:g} Hz is held here" if best else "no rate is held here"
+    if found.not_held_hz:
+        return f"NOT HELD: {_listed(found.not_held_hz)}; {up_to}"
+    return f"HELD: {_listed(found.wanted_hz)}; {up_to}" if found.wanted_hz else f"{'' if best else 'NOT '}HELD: {up_to}"
+
+
+def page(found: Examined) -> str:
+    """Return the result of `rths doctor` as text: verdict and rule, rates, what would help, the machine."""
+    if found.counted:
+        return text([[verdict_line(verdict(found))]])
+    sections: list[list[Block]] = [[verdict_line(verdict(found)), labelled("rule", found.rule)]]
     sections.append([Line(f"Wake-up delay in us, {_duration(found.rates)}"), table(found.rates)])
     if found.rig:
         title = f"Until samples of {found.rig.rig} are there, in us after the deadline, {_duration(found.rig.rates)}"
         sections.append([Line(title), table(found.rig.rates)])
-    return text([*sections, _verdict(found), labelled_lines("to do better", found.advice)])
+    machine = [*_machine(found.machine, found.granted), _granted(found.granted)]
+    return text([*sections, labelled_lines("to do better", found.advice), machine])
+
+
+def _listed(rates_hz: Sequence[float]) -> str:
+    return ", ".join(f"{hz:g} Hz" for hz in rates_hz)
 
 
 def document(found: Examined) -> dict[str, Any]:
@@ -46,6 +61,7 @@ def document(found: Examined) -> dict[str, Any]:
         "recommended_hz": found.recommended_hz,
         "counted_rig": found.counted,
         "advice": list(found.advice),
+        "verdict": verdict(found),
         "exit_code": found.exit_code,
     }
 
@@ -55,8 +71,22 @@ COMPARED = ("channel", "against", "ratio", "phase, deg", "permitted", "")
 SIGNS = {1: "+", -1: "-", 0: "none"}
 
 
+def channels_verdict(found: ChannelsExamined) -> str:
+    """Return in one sentence how many channels are at rest and agree."""
+    told = f"{len(found.rows)} channels of {found.rig}, {found.seconds:g} s at rest"
+    if wrong := _wrong(found):
+        return f"NOT AS DECLARED: {len(wrong)} fault{'s' if len(wrong) > 1 else ''}; {told}"
+    agree = f"; {len(found.comparisons)} comparisons agree" if found.comparisons else ""
+    return f"AS DECLARED: {told}{agree}"
+
+
+def _wrong(found: ChannelsExamined) -> list[str]:
+    disagree = [f"{one.channel}: {one.told} ({one.against})" for one in found.comparisons if not one.agrees]
+    return [*found.faults, *disagree]
+
+
 def channels_page(found: ChannelsExamined) -> str:
-    """Return the result of `rths doctor --channels` as text."""
+    """Return the result of `rths doctor --channels` as text: verdict and faults, then the channels."""
     pushed = any(row.pushed is not None for row in found.rows)
     rows = [
         (row.name, row.kind, row.unit, row.uses, f"{row.zero_v:.4g}", f"{row.zero:.4g}", f"{row.noise:.3g}",
@@ -65,7 +95,8 @@ def channels_page(found: ChannelsExamined) -> str:
     ]  # fmt: skip
     heads = (*OF_CHANNEL, *(("push",) if pushed else ()))
     sections: list[list[Block]] = [
-        [Line(f"Channels of {found.rig} at rest, {found.seconds:g} s"), grid([heads, *rows])]
+        [verdict_line(channels_verdict(found)), *labelled_lines("faults", _wrong(found))],
+        [Line("Channels at rest"), grid([heads, *rows])],
     ]
     if found.comparisons:
         lines = [
@@ -78,17 +109,14 @@ def channels_page(found: ChannelsExamined) -> str:
     if pushed:
         told = "after a push in the positive direction: + of accelerations, displacements and strains, - of a load cell"
         sections.append([labelled("push", told)])
-    wrong = [
-        *found.faults,
-        *(f"{one.channel}: {one.told} ({one.against})" for one in found.comparisons if not one.agrees),
-    ]
-    return text([*sections, labelled_lines("faults", wrong)])
+    return text(sections)
 
 
 def channels_document(found: ChannelsExamined) -> dict[str, Any]:
     """Return the result of `rths doctor --channels` as a document for JSON."""
     compared = [{**asdict(one), "agrees": one.agrees, "told": one.told} for one in found.comparisons]
-    return {**asdict(found), "comparisons": compared, "exit_code": found.exit_code}
+    ends = {"verdict": channels_verdict(found), "exit_code": found.exit_code}
+    return {**asdict(found), "comparisons": compared, **ends}
 
 
 def table(rates: Sequence[RateMeasured]) -> Table:
@@ -149,15 +177,3 @@ def _granted(granted: Granted) -> Line:
         "processors kept awake" if granted.cpu_latency_held else "",
     ]
     return labelled("granted", ", ".join(filter(None, given)) or "nothing")
-
-
-def _verdict(found: Examined) -> list[Block]:
-    best = found.recommended_hz
-    lines: list[Block] = [
-        labelled("rule", found.rule),
-        labelled("recommended", f"at most {best:g} Hz" if best else "none: no rate was held"),
-    ]
-    if found.wanted_hz:
-        bad = ", ".join(f"{hz:g} Hz" for hz in found.not_held_hz)
-        lines.append(labelled("wanted", f"not held: {bad}" if bad else "held"))
-    return lines

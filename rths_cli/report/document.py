@@ -100,6 +100,11 @@ def labelled(label: str, text: str, verdict: str = "") -> Line:
     return Line(text, label, verdict=verdict)
 
 
+def verdict_line(sentence: str) -> Line:
+    """Return a sentence VERDICT: REASON as the line with which an output begins."""
+    return Line(sentence, verdict=sentence.partition(":")[0])
+
+
 def labelled_lines(label: str, texts: Iterable[str]) -> list[Block]:
     """Return texts below each other behind one label."""
     return [labelled("" if place else label, text) for place, text in enumerate(texts)]

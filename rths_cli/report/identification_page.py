@@ -294,13 +294,18 @@ def title(about: About) -> str:
 def verdict_sentence(verdict: Verdict) -> str:
     """Return the permitted use of an accepted model in words, or "rejected" and the reasons."""
     if not verdict.accepted:
-        return "rejected: " + "; ".join(verdict.reasons)
+        return rejected_sentence(verdict.reasons)
     low, high = verdict.feedforward_hz
     return (
         f"accepted: fit for feedforward from {rounded(low)} to {rounded(high)} Hz, transport delay "
         f"{rounded(1e3 * verdict.delay_s)} ms, lag {rounded(1e3 * verdict.lag_s)} ms at low frequency"
         + (f"; above {rounded(verdict.known_hz)} Hz the model says nothing" if math.isfinite(verdict.known_hz) else "")
     )
+
+
+def rejected_sentence(reasons: Sequence[str]) -> str:
+    """Return the verdict on data from which no model can be made."""
+    return "rejected: " + "; ".join(reasons)
 
 
 def _data(about: About, verdict: list[Block]) -> list[Block]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
-from rths_cli.report.answer import answer_document
+from rths_cli.report.answer import answer_document, one_line
 from rths_cli.report.document import Document, Section
 from rths_cli.report.group_comparison import (
     CaseChanges,
@@ -25,6 +25,7 @@ from rths_cli.report.group_comparison import (
 from rths_cli.report.input_files import Inputs, Unread, doubled, other_units
 from rths_cli.report.result_tables import document, listed
 from rths_cli.report.sweep_page import sections
+from rths_cli.report.sweep_page import verdict as sweep_verdict
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,12 @@ def page_sections(found: Contents, full: bool, paper: bool) -> Document:
     told = answer_document(results, whole=full) if results else []
     tables = document(results, laid_out=True, paper=paper, brief=not full) if results and (full or paper) else []
     return [*_comparisons(found), *told, *_swept(found), *_faulty(found), *tables]
+
+
+def verdicts(found: Contents) -> list[str]:
+    """Return a line for each result and each sweep."""
+    swept = (sweep_verdict(sweep, path) for path, sweep in found.inputs.sweeps)
+    return [*map(one_line, found.inputs.results), *swept]
 
 
 def _swept(found: Contents) -> Iterator[Section]:

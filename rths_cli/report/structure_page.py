@@ -94,15 +94,26 @@ def _level(level: Level) -> dict[str, Any]:
     }
 
 
+def headline(found: Inspected) -> str:
+    """Return a building in one sentence: its storeys, mass and lowest modes, and whether a damping level is faulty."""
+    lowest = ", ".join(significant(hz, 4) for hz in found.natural_frequency_hz[:3])
+    faulty = [level.name for level in found.levels if level.fault]
+    ends = f"; it cannot have damping {' and '.join(faulty)}" if faulty else ""
+    return (
+        f"Structure {found.name} ({found.file or 'shipped'}): {len(found.floor_mass_kg)} storeys, "
+        f"{significant(float(found.floor_mass_kg.sum()))} kg, modes at {lowest} Hz{ends}"
+    )
+
+
 def _about(found: Inspected) -> list[Block]:
-    """Return the lines on the file, the doubts, the storeys and the masses."""
+    """Return the headline, the doubts, and the lines on storeys and masses."""
     n, p, mass = len(found.floor_mass_kg), found.numerical_storeys, float(found.floor_mass_kg.sum())
     on_table = found.experimental_mass_kg
     computed, table = (f"{significant(part)} kg ({100.0 * part / mass:.1f} %)" for part in (mass - on_table, on_table))
     interface = found.interface_experimental_mass_kg
     split = f"; of floor {p}, {significant(interface)} kg stand on the table" if interface else ""
     return [
-        Line(f"Structure {found.name} ({found.file or 'shipped'})"),
+        Line(headline(found)),
         *(labelled("warning", doubt) for doubt in found.warnings),
         labelled(
             "storeys", f"{n}: {_range(1, p)} numerical (computed), {_range(p + 1, n)} experimental (on the table)"

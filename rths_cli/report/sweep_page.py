@@ -18,7 +18,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import NEEDED, Figure, Sweep
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities.declaration import ENDINGS, typeset
-from rths_cli.report.document import Block, Column, Document, Line, Row, Table, across
+from rths_cli.report.document import Block, Column, Document, Line, Row, Table, across, verdict_line
 from rths_cli.report.numbers import json_value, six_wide, three
 from rths_cli.report.result_scale import MODEL, stored_scale
 from rths_cli.report.to_text import text
@@ -321,8 +321,42 @@ def page(sweep: Sweep, path: Path) -> str:
 
 
 def sections(sweep: Sweep, path: Path) -> Document:
-    """Return the summary of a sweep, of a part how its runs ended."""
-    return [grid_points(sweep), *below_grid_points(sweep, path)]
+    """Return the summary of a sweep, of a part how its runs ended; the verdict first, then reasons, then tables."""
+    return [verdict_lines(sweep, path), grid_points(sweep), *below_grid_points(sweep)]
+
+
+def verdict(sweep: Sweep, path: Path) -> str:
+    """Return in one sentence how the runs of a sweep ended, how far they err, and its file."""
+    ends, runs = Counter(sweep.texts["status"]), len(sweep.seed)
+    complete = ends["complete"]
+    others = ", ".join(f"{count} {status}" for status, count in sorted(ends.items()) if status != "complete")
+    told = f"{_runs(runs)} of EXP-RTHS" if complete == runs else f"{complete} of {runs} complete, {others}"
+    word = "COMPLETE" if complete == runs else "NOT COMPLETE"
+    return f"{word}: {sweep.attributes['case_name']}, {told}{_error_range(sweep)}; {path}"
+
+
+def _error_range(sweep: Sweep) -> str:
+    """Return the range of the errors in words; each run counts by its worst storey. "" where none was played."""
+    worst = MM_PER_M * _worst_storeys(sweep)[1]
+    if not len(worst):
+        return ""
+    low, mid, high = (three(value) for value in (np.min(worst), np.median(worst), np.max(worst)))
+    told = low if len(worst) == 1 else f"{low} to {high}, median {mid}"
+    return f"; RMS error of the worst storey {told} mm/s^2"
+
+
+def _worst_storeys(sweep: Sweep) -> tuple[NDArray[np.intp], Array]:
+    """Return the places (m,) of the runs that have errors, and the largest of each (m,) in m/s^2."""
+    errors = sweep.figures[STOREYS].values
+    played = np.flatnonzero(np.isfinite(errors).any(axis=1))
+    return played, np.nanmax(errors[played], axis=1) if played.size else np.empty(0)
+
+
+def verdict_lines(sweep: Sweep, path: Path) -> list[Block]:
+    """Return the verdict, of a part its number, what was not run, the runs with the smallest and largest error."""
+    of_part = [] if sweep.numbers is None else [_of_part(sweep)]
+    extremes = _extremes(sweep) if sweep.numbers is None else []
+    return [verdict_line(verdict(sweep, path)), *map(Line, (*of_part, *_not_run(sweep), *extremes))]
 
 
 def grid_points(sweep: Sweep) -> list[Block]:
@@ -330,13 +364,9 @@ def grid_points(sweep: Sweep) -> list[Block]:
     return [] if sweep.numbers is not None else [_table(sweep), *map(Line, (*_scale(sweep), *_more_points(sweep)))]
 
 
-def below_grid_points(sweep: Sweep, path: Path) -> Document:
-    """Return what stands below the grid points in the summary of a sweep: extremes, ends, percentiles, indices."""
-    not_run, explained = [*map(Line, _not_run(sweep))], [Line(_explained(sweep, path))]
-    if sweep.numbers is not None:
-        return [[Line(_of_part(sweep))], not_run, explained]
-    extremes = [*map(Line, _extremes(sweep))]
-    return [extremes, not_run, summary_section(sweep), indices_section(sweep), explained]
+def below_grid_points(sweep: Sweep) -> Document:
+    """Return what stands below the grid points of a sweep, percentiles and indices; of a part nothing."""
+    return [] if sweep.numbers is not None else [summary_section(sweep), indices_section(sweep)]
 
 
 def document(sweep: Sweep, path: Path) -> dict[str, Any]:
@@ -359,7 +389,14 @@ def document(sweep: Sweep, path: Path) -> dict[str, Any]:
     about |= {} if scale is None or _varies(sweep) else {"scale": {"reported_in": MODEL, "factors": scale.factors}}
     indices = indices_document(sweep) if sweep.numbers is None else {}
     about |= {"sobol_indices": indices} if indices else {}
-    return {"sweep": str(path), **about, "runs": len(sweep.seed), "summary": summary(sweep), "points": points}
+    return {
+        "sweep": str(path),
+        "verdict": verdict(sweep, path),
+        **about,
+        "runs": len(sweep.seed),
+        "summary": summary(sweep),
+        "points": points,
+    }
 
 
 def _scale(sweep: Sweep) -> list[str]:
@@ -424,10 +461,9 @@ def _more_points(sweep: Sweep) -> list[str]:
 def _extremes(sweep: Sweep) -> list[str]:
     """Return the lines on the runs with the smallest and the largest error; each run counts by its worst storey."""
     errors = sweep.figures[STOREYS].values
-    played = np.flatnonzero(np.isfinite(errors).any(axis=1))
+    played, worst = _worst_storeys(sweep)
     if played.size < 2:
         return []
-    worst = np.nanmax(errors[played], axis=1)
     lines = []
     for name, place in (("smallest", int(np.argmin(worst))), ("largest", int(np.argmax(worst)))):
         run = int(played[place])
@@ -448,9 +484,3 @@ def _not_run(sweep: Sweep) -> list[str]:
     more = sum(count for _, _, count in told[REASONS_SHOWN:])
     lines += [f"{more} more with other reasons, which stand in the file"] if more else []
     return lines
-
-
-def _explained(sweep: Sweep, path: Path) -> str:
-    counts = Counter(sweep.texts["status"])
-    ends = ", ".join(f"{count} {status}" for status, count in sorted(counts.items()))
-    return f"{ends}; every run with its figures: {path}"

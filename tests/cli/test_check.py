@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 from pathlib import Path
 
@@ -46,12 +47,17 @@ def test_safe_and_unsafe_cases_in_one_document(tmp_path: Path, model: tuple[str,
 
 
 def test_the_page_of_a_safe_case_ends_with_the_verdict(tmp_path: Path, model: tuple[str, str]) -> None:
-    done = rths("check", CASE, *model, "--quiet", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    done = rths("check", CASE, *model, cwd=tmp_path)
+    assert done.returncode == 0
     assert done.stdout.splitlines()[1].split() == ["verdict", "safe"]
     assert max(len(line) for line in done.stdout.splitlines()) <= 100
     for word in ("stability", "margins", "Latency of the loop", "table limits", "Error by cause", "SIM-DELAY, 5 ms"):
         assert word in done.stdout
+
+
+def test_quiet_prints_a_line_with_the_verdict_on_each_case(tmp_path: Path, model: tuple[str, str]) -> None:
+    done = rths("check", CASE, *model, "--quiet", cwd=tmp_path)
+    assert done.stderr == "" and re.fullmatch(rf"{CASE} \(best\): safe: up to scaling [0-9.]+\n", done.stdout)
 
 
 def test_the_resolved_case_loads_to_the_same_case(tmp_path: Path) -> None:

@@ -75,8 +75,8 @@ def tree() -> list[str]:
 
 
 def test_a_whole_identification_of_the_default_rig(rths: Rths) -> None:
-    shown = rths("identify", *SHORT, "--quiet")
-    assert shown.code == 0 and shown.err == ""
+    shown = rths("identify", *SHORT)
+    assert shown.code == 0
     assert shown.out.endswith(
         f'\nidentification: {{model: "{Path("models/aps400_virtual_three_storey.h5").absolute()}"}}\n'
     )
@@ -88,6 +88,13 @@ def test_a_whole_identification_of_the_default_rig(rths: Rths) -> None:
     assert stated["rig"] == "aps400_virtual" and stated["seed"] == 0 and len(str(stated["data_sha256"])) == 64
     hashed = read_model(Path("models/aps400_virtual_three_storey.h5")).sha256[:16]
     assert f"SHA-256 {hashed}" in " ".join(shown.out.split())
+
+
+def test_quiet_prints_the_verdict_with_the_model_and_nothing_else(rths: Rths, measured: list[str]) -> None:
+    shown = rths("identify", "--no-figure", "--quiet")
+    (line,) = shown.out.splitlines()
+    assert line.startswith("accepted: fit for feedforward from ") and shown.err == ""
+    assert line.endswith("; models/aps400_virtual_three_storey.h5")
 
 
 def test_a_change_of_the_case_reaches_the_model_file(rths: Rths, measured: list[str]) -> None:

@@ -52,7 +52,7 @@ def test_channels_that_agree_are_told_so(examined: ChannelsExamined) -> None:
     assert place.ratio == pytest.approx(1.0, abs=5e-3) and abs(place.phase_deg) < 1.0
     assert cell.ratio == pytest.approx(1.0, abs=5e-3) and abs(cell.phase_deg) < 1.0
     text = channels_page(examined)
-    assert "Channels of" in text and "agrees" in text and "faults" not in text
+    assert text.startswith("AS DECLARED: 6 channels of ") and "agrees" in text and "faults" not in text
     assert channels_document(examined)["exit_code"] == 0
 
 

@@ -16,7 +16,7 @@ from rths_cli.laboratory import doctor as machine_module
 from rths_cli.laboratory.doctor import Examined, Machine, RigRates, advice, examine, preemption, this_machine
 from rths_cli.laboratory.doctor_request import DoctorRequest, examine_request
 from rths_cli.loop.scheduling import Granted
-from rths_cli.report.doctor_page import document, page
+from rths_cli.report.doctor_page import document, page, verdict
 
 PUNCTUAL = Machine("6.1.0", "PREEMPT_RT", False, 8, (7,), "performance", "tsc", 99, -1, -1, 1_000_000)
 GRANTED = Granted(True, 80, 7, True, ())
@@ -102,7 +102,14 @@ def test_a_punctual_machine_is_told_nothing_and_every_fault_has_its_sentence() -
 def test_the_page_is_at_most_100_columns_wide_and_says_rule_and_verdict() -> None:
     text = page(examined(500.0, 1000.0, late=6, wanted=(1000.0,)))
     assert max(map(len, text.splitlines())) <= 100
-    assert "none: no rate was held" in text and "not held: 1000 Hz" in text and "99 % of the steps" in text
+    assert text.splitlines()[0] == "NOT HELD: 1000 Hz; no rate is held here"
+    assert text.splitlines()[1].startswith("rule ") and "99 % of the steps" in text
+
+
+def test_the_verdict_names_what_was_asked_and_the_highest_rate_that_is_held() -> None:
+    assert verdict(examined(500.0, 1000.0, wanted=(500.0,))) == "HELD: 500 Hz; at most 1000 Hz is held here"
+    assert verdict(examined(500.0, 1000.0)) == "HELD: at most 1000 Hz is held here"
+    assert verdict(examined(1000.0, late=6)) == "NOT HELD: no rate is held here"
 
 
 def test_the_preemption_model_is_read_where_the_kernel_tells_it(

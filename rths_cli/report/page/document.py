@@ -39,7 +39,7 @@ from rths_cli.report.paper_tables import claims_tables
 from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.result_tables import error_tables, legend, remarks
 from rths_cli.report.results_by_case import RUN_NAMES, TABLE_RUNS, Entry, entries, status
-from rths_cli.report.sweep_page import below_grid_points, grid_points
+from rths_cli.report.sweep_page import below_grid_points, grid_points, verdict_lines
 from rths_cli.report.to_html import Html, blocks, classed, data_script, details, element, join, table
 
 GROUP = "identification"
@@ -238,7 +238,9 @@ def _noted(result: Result, name: str) -> Array | None:
 
 def study_section(path: Path, sweep: Sweep) -> Html:
     """Return the section of a sweep, given with its file."""
-    parts = [*_figures(sweep), element("h3", "Summary"), *map(blocks, below_grid_points(sweep, path))]
+    parts = [blocks(verdict_lines(sweep, path)), *_figures(sweep)]
+    if below := [section for section in below_grid_points(sweep) if section]:
+        parts += [element("h3", "Summary"), *map(blocks, below)]
     if points := grid_points(sweep):
         parts += [element("h3", "Grid points"), blocks(points)]
     if sweep.study_yaml:

@@ -86,7 +86,7 @@ class Entry:
     def __init__(self, function: Callable[..., Any]) -> None:
         self.dispatcher: Any = _with_cache(function, ENTRY) or numba.njit(**ENTRY)(function)
         self.name = f"{function.__module__}.{function.__qualname__}"
-        self._ready: dict[object, Any] = {}  # dispatchers by kinds of arguments
+        self._ready: dict[object, tuple[Any, Any]] = {}  # dispatcher and types of the arguments, by their kinds
         self._not_kept: Any = None  # dispatcher of code that may not be kept
 
     def __call__(self, *arguments: object) -> Any:
@@ -96,10 +96,12 @@ class Entry:
     def bind(self, *arguments: object) -> Callable[[], Any]:
         """Compile the function and return it without arguments: it runs on these, the same arrays every time."""
         kind = _kind(arguments)  # numba's dispatcher would not lock the cache
-        passed = tuple(map(_passed, arguments))
-        if kind not in self._ready:
-            self._ready[kind] = self._compiled(tuple(map(numba.typeof, passed)))
-        return partial(self._ready[kind], *passed)
+        known = self._ready.get(kind)
+        passed = [_passed(value, known[1][place] if known else None) for place, value in enumerate(arguments)]
+        if known is None:
+            signature = tuple(map(numba.typeof, passed))
+            known = self._ready[kind] = self._compiled(signature), signature
+        return partial(known[0], *passed)
 
     def _compiled(self, signature: tuple[Any, ...]) -> Any:
         if any(map(_from_outside, signature)):
@@ -245,16 +247,16 @@ class Packed:
     It keeps the arrays alive. Compiled code changes the elements of its arrays, and nothing else.
     """
 
-    def __init__(self, value: tuple[object, ...]) -> None:
+    def __init__(self, value: tuple[object, ...], known: Any = None) -> None:
         self.value = value
         self.memory = np.frombuffer(b"".join(_bytes_of(value)) or bytes(8), dtype=np.int64)
         self.address = self.memory.ctypes.data
-        self._numba_type_ = Reference(numba.typeof(value))
+        self._numba_type_ = known or Reference(numba.typeof(value))
 
 
-def _passed(value: object) -> object:
-    """Return a value as an entry takes it."""
-    return Packed(value) if isinstance(value, tuple) and hasattr(value, "_fields") else value
+def _passed(value: object, known: Any) -> object:
+    """Return a value as an entry takes it; `known`: its type, which takes longer to find than all the rest."""
+    return Packed(value, known) if isinstance(value, tuple) and hasattr(value, "_fields") else value
 
 
 def _bytes_of(value: object) -> Iterator[bytes]:

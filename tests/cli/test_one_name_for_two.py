@@ -93,6 +93,7 @@ def test_a_run_whose_name_another_process_writes_takes_the_next_one_and_says_so(
     assert os.listdir("results") == [f"{CASE}-3.h5"]
 
 
+@pytest.mark.campaign
 def test_a_sweep_whose_file_another_process_writes_is_refused_before_it_plays() -> None:
     with claimed(Path("s.h5")):
         words = ("sweep", CASE, "--set", "record.file=short.csv", "--set", "identification.duration_s=40")

@@ -185,6 +185,7 @@ class EndStop(DriftingRig):
     ],
     ids=["jump", "drift", "healthy, early", "healthy, late"],
 )
+@pytest.mark.campaign
 def test_a_run_that_the_rig_ends_names_its_drifting_sensor_and_no_healthy_one(
     memory: Memory, monkeypatch: pytest.MonkeyPatch, given: Added, beyond_m: float, told: str | None
 ) -> None:

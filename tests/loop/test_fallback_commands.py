@@ -108,6 +108,7 @@ def test_a_run_goes_on_alike_from_a_copy_of_its_flat_state() -> None:
     assert (once == again).all() and np.ptp(once) > 1e-3
 
 
+@pytest.mark.campaign
 def test_in_the_ramp_a_share_of_it_is_foreseen() -> None:
     drive = wave(2000, 2e-3, EXCITATION)
     run = played(2e-3, EXCITATION, drive)

@@ -65,6 +65,7 @@ def test_samples_after_a_jump_of_a_fast_table_are_not_taken_for_motion_of_the_bu
     assert np.linalg.norm(fast.errors(run)) < 1.3 * np.linalg.norm(ideal)
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "length", [5, 22, 34])
 def test_a_target_that_approaches_late_commands_is_not_stopped_by_its_own_jump(fast: Freezing, length: int) -> None:
     """22 ms and 34 at 0.14 m/s: the jump of one that holds is beyond the acceleration limit."""

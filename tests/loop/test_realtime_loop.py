@@ -255,6 +255,7 @@ def test_where_no_samples_came_the_specimen_goes_on_by_itself(gap: Signals) -> N
         assert gap.corrected[1:, k] == pytest.approx(gap.estimated[4:6, k], rel=1e-9)
 
 
+@pytest.mark.campaign
 def test_what_is_lost_changes_what_is_desired_by_little(whole: Signals, gap: Signals) -> None:
     wanted = whole.desired[0, :1500]
     change = gap.desired[0, :1500] - wanted

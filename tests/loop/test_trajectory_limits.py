@@ -10,6 +10,7 @@ from bench import rig_info
 from hybrid import open_limits
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from portfolio import parametrize_first
 from smooth_way import smooth_way
 
 from rths_cli.loop import fallback_commands
@@ -57,7 +58,8 @@ def test_what_may_be_is_laid_as_wanted() -> None:
     )
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    2,
     "other",
     [{}, {"velocity_m_s": 0.2}, {"command_rate_v_s": 30.0}, {"acceleration_m_s2": 5.0}, {"acceleration_m_s2": 400.0}],
 )

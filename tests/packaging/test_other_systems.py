@@ -70,6 +70,7 @@ def test_offline_work_needs_neither_linux_nor_a_network(printed: dict[str, tuple
     assert printed["a file that can be read"][1] == "7" and "a file that cannot be read" in printed
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", HARDWARE)
 def test_real_time_refuses_with_one_sentence(name: str, printed: dict[str, tuple[int, str]]) -> None:
     code, text = printed[name]

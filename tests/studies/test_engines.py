@@ -130,6 +130,7 @@ def test_rows_of_killed_processes_are_played_again_once(
     assert multiprocessing.active_children() == []
 
 
+@pytest.mark.campaign
 def test_parts_in_any_order_give_the_bytes_of_the_whole(
     inline: Swept, request_of: SweepRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

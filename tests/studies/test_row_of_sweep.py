@@ -58,6 +58,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.campaign
 @parametrize_first(1, ("number", "kind", "latency", "seed"), [(7, "FF+FB", 2, 4), (2, "FF", 1, 5)])
 def test_a_row_is_run_in_full_with_the_same_metrics(
     folder: Path, tmp_path: Path, memory: Memory, number: int, kind: str, latency: int, seed: int

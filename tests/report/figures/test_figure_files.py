@@ -114,6 +114,7 @@ def overlapping(figure):
     return [(a, b) for (a, one), (b, other) in itertools.combinations(boxes, 2) if one.overlaps(other)]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", VIRTUAL)
 def test_a_figure_without_header_holds_no_word_on_case_and_table(made_up, name):
     figure = draw(name, made_up, "one", header="none")

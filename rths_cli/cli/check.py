@@ -39,15 +39,19 @@ def check(
     from rths_cli.case.load import load_all
     from rths_cli.case.named_files import case_files
 
-    loaded = load_all(case_files(cases), settings, tuple(dict.fromkeys(methods)))
+    screen = new_screen(quiet, command="" if as_json else "check")
+    with screen.reading("reading the cases"):
+        loaded = load_all(case_files(cases), settings, tuple(dict.fromkeys(methods)))
     if resolved:
+        screen.clear()
         _show_resolved(loaded, as_json)
         return 0
+    screen.doing("starting")
     from rths_cli.experiment.check_command import check_cases
     from rths_cli.report.check_page import as_document, one_line, pages
 
-    screen = new_screen(quiet)
-    checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing)
+    with screen.reading("starting"):
+        checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing)
     screen.clear()
     if as_json:
         click.echo(json.dumps(as_document(checked), indent=2))

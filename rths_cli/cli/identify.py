@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
-import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +14,6 @@ from rths_cli.cli.terminal import new_screen, show_page
 from rths_cli.errors import InputError
 
 if TYPE_CHECKING:
-    from rths_cli.cli.terminal import Screen
     from rths_cli.experiment.setup import Setup
 
 SAID_S = 5.0  # interval between two lines of progress if stderr is no terminal
@@ -109,41 +103,16 @@ def identify(
     judged = json.dumps(str(model.absolute()), ensure_ascii=False) if model else "null"
     settings = (f"identification.model={judged}", *settings)
     asked = Asked(case, settings, request, output, save_data, figure, not no_figure, not no_replace)
-    screen = new_screen(quiet)
-    with said_again(screen, quiet or sys.stderr.isatty()) as doing:
+    screen = new_screen(quiet, command="" if as_json else "identify")
 
-        def permit(setup: Setup) -> None:
-            ask_to_move([setup], yes, screen.confirm, played=OF_IDENTIFICATION)
+    def permit(setup: Setup) -> None:
+        ask_to_move([setup], yes, screen.confirm, played=OF_IDENTIFICATION)
 
-        made = make_model(asked, doing, permit, screen.warning)
+    with screen.reading("starting"):
+        made = make_model(asked, screen.doing, permit, screen.warning)
     screen.clear()
     _show_identified(made, as_json, quiet)
     return made.exit_code
-
-
-@contextmanager
-def said_again(screen: Screen, silent: bool, every_s: float = SAID_S) -> Iterator[Callable[[str], None]]:
-    """Yield a function that shows on `screen` the work being done; unless `silent`, print it every `every_s` seconds.
-
-    The lines go to stderr, with the time since the start.
-    """
-    now, ended, since = [""], threading.Event(), time.monotonic()
-
-    def say() -> None:
-        while not ended.wait(every_s):
-            if now[0]:
-                click.echo(f"{now[0]} (after {time.monotonic() - since:.0f} s)", err=True)
-
-    def doing(what: str) -> None:
-        now[0] = what
-        screen.doing(what)
-
-    if not silent:
-        threading.Thread(target=say, name="rths-progress", daemon=True).start()
-    try:
-        yield doing
-    finally:
-        ended.set()
 
 
 def _show_identified(made: Any, as_json: bool, quiet: bool) -> None:

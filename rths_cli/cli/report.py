@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +19,6 @@ if TYPE_CHECKING:
 
 TABLES = ("text", "markdown", "csv", "json", "latex", "html")
 DRAWN = ("pdf", "svg", "png")
-PLAIN_S = 5.0  # between two lines where output is no terminal
 
 
 @cli.command()
@@ -155,7 +151,7 @@ def _report(asked: Asked, quiet: bool) -> int:
     screen = Screen(quiet, poll=SIGNALS.poll)
     for sentence in unrecovered(asked.paths):
         click.echo(sentence, err=True)
-    found = read_asked(asked, _teller(screen, quiet))
+    found = read_asked(asked, screen.doing)
     screen.clear()
     for sentence in found.faults:
         click.echo(sentence, err=True)
@@ -214,16 +210,3 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
 
 def _nothing(text: str) -> None:
     """Say nothing."""
-
-
-def _teller(screen: Screen, quiet: bool) -> Callable[[str], None]:
-    """Return what shows progress: a status line on a terminal, a line every 5 s elsewhere."""
-    shown = [time.monotonic()]
-
-    def tell(text: str) -> None:
-        screen.doing(text)
-        if not quiet and not sys.stderr.isatty() and time.monotonic() - shown[0] >= PLAIN_S:
-            screen.message(text)
-            shown[0] = time.monotonic()
-
-    return tell

@@ -102,21 +102,23 @@ def run(
 
     chosen = tuple(dict.fromkeys(methods))
     swept = _row(cases, sweep, row, chosen, settings)
-    files = case_files(cases)
     refused: dict[str, InputError] = {}
-    if swept:  # a fault in a case is told before the numerical libraries are imported
-        loaded = [swept.case]
-    elif keep_going:
-        loaded, refused = load_each(files, settings, chosen)
-    else:
-        loaded = load_all(files, settings, chosen)
+    screen = new_screen(quiet > 0, answered=quiet < 2 and not as_json, command="" if as_json else "run")
+    with screen.reading("reading the cases"):
+        files = case_files(cases)
+        if swept:  # a fault in a case is told before the numerical libraries are imported
+            loaded = [swept.case]
+        elif keep_going:
+            loaded, refused = load_each(files, settings, chosen)
+        else:
+            loaded = load_all(files, settings, chosen)
+    screen.doing("starting")
     from rths_cli.experiment.run_command import Request, exit_code, run_batch
 
     if junit:
         from rths_cli.report.report_options import check_output
 
         replaced = check_output("--junit", junit, (), not no_replace)
-    screen = new_screen(quiet > 0, answered=quiet < 2 and not as_json)
     request = Request(
         cases=tuple(loaded),
         methods=chosen,
@@ -132,7 +134,8 @@ def run(
         refused=tuple((name, "; ".join(error.faults)) for name, error in refused.items()),
         at_once=jobs,
     )
-    ended = run_batch(request, screen)
+    with screen.reading("starting"):
+        ended = run_batch(request, screen)
     _show_results(ended, as_json, junit, Wanted(full, paper, quiet))
     if junit and replaced and not quiet:
         screen.message(f"replaced {junit}")

@@ -137,7 +137,8 @@ def sweep(
         force=force,
     )
     screen = new_screen(quiet)
-    swept = run_sweep(request, screen)
+    with screen.reading("starting"):
+        swept = run_sweep(request, screen)
     screen.clear()
     from rths_cli.report.sweep_page import document, page, verdict
 

@@ -709,7 +709,7 @@ def loop_of(case: Case, progress: Progress) -> Block:
 
 def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     """Return the verdict on one case; the case is unsafe if its virtual rig cannot be identified."""
-    progress(f"check of {setup.case.name}")
+    progress(f"check: {setup.case.name}")
     try:
         known = memory.at_rest(setup, progress)
     except (RigError, LimitError) as error:

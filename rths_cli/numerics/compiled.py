@@ -49,7 +49,7 @@ from numba.extending import (
 from numba.np.arrayobj import populate_array
 
 from rths_cli.errors import InputError
-from rths_cli.numerics.compiler_messages import tell
+from rths_cli.numerics.compiler_messages import began, compiles, tell
 from rths_cli.user_cache import user_cache
 
 try:
@@ -108,7 +108,7 @@ class Entry:
             self._not_kept = self._not_kept or numba.njit(**ENTRY)(self.dispatcher.py_func)
             self._not_kept.compile(signature)
             return self._not_kept
-        with _lock(cache_folder(), self.name):
+        with _lock(cache_folder(), self.name), compiles(self.name):
             _load_or_compile(self.dispatcher, self.dispatcher.compile, signature)
             if signature not in self.dispatcher.overloads:  # or its index names the code of another signature
                 self.dispatcher = numba.njit(**ENTRY)(self.dispatcher.py_func)
@@ -409,14 +409,20 @@ def _note_calls(made: Entry) -> None:
     )
 
 
+def nothing_compiled() -> bool:
+    """Return whether nothing has been compiled yet for these sources on this machine, or it cannot be kept."""
+    folder = cache_folder()
+    return folder is None or not any(folder.glob("*/*.nbi"))
+
+
 @cache
 def _announcement() -> str:
     """Return what a process says when it begins to compile: whether nothing was compiled here, or not this part."""
     folder = cache_folder()
-    if folder is not None and any(folder.glob("*/*.nbi")):
-        return "compiling real-time code that no command here has used yet, a few seconds more"
+    if not nothing_compiled():
+        return "compiling real-time code that no command here has used yet"
     why = f"; it is not kept: {_place()[1]}" if folder is None else ""
-    return f"first run of this version here: compiling its real-time code, 10 s to 30 s more in all{why}"
+    return f"first run of this version here: compiling its real-time code, once{why}"
 
 
 class _Starts(event.Listener):
@@ -424,6 +430,7 @@ class _Starts(event.Listener):
 
     def on_start(self, event: object) -> None:
         tell(_announcement())
+        began()
 
     def on_end(self, event: object) -> None:
         """Do nothing."""

@@ -84,7 +84,7 @@ def test_a_moving_table_is_a_line_now_and_then_without_a_terminal(monkeypatch: p
     stream = io.StringIO()
     screen = Screen(stream=stream)
     screen.started(1, 1, "a")
-    for now[0] in (100.0, 101.0, 104.9, 105.1, 106.0):
+    for now[0] in (100.0, 101.0, 109.9, 110.1, 111.0):
         assert not screen.moving("EXP-RTHS", VIEW)
     lines = stream.getvalue().splitlines()
     assert len(lines) == 2

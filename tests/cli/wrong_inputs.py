@@ -254,6 +254,9 @@ WRONG: tuple[Wrong, ...] = (
 )
 
 
+PROGRESS = re.compile(r"starting$|.*(s left|: probe|  probe|^probe)|\[\d+/\d+\] \S+  ")  # how fast it was decides of it
+
+
 def printed(wrong: Wrong, folder: Path) -> tuple[int, str]:
     """Return the exit code of a command run in this process, and what it printed without the folder's own path."""
     from rths_cli.cli.entry_point import run_to_exit_code
@@ -262,16 +265,17 @@ def printed(wrong: Wrong, folder: Path) -> tuple[int, str]:
         (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     if wrong.prepare:
         wrong.prepare(folder)
-    out, before, words = io.StringIO(), Path.cwd(), sys.argv
+    out, err, before, words = io.StringIO(), io.StringIO(), Path.cwd(), sys.argv
     try:
         os.chdir(folder)
         sys.argv = ["rths", *wrong.words.split()]
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             code = run_to_exit_code()
     finally:
         os.chdir(before)
         sys.argv = words
-    return code, out.getvalue().replace(str(folder), ".")
+    said = "".join(line for line in err.getvalue().splitlines(keepends=True) if not PROGRESS.match(line))
+    return code, (said + out.getvalue()).replace(str(folder), ".")
 
 
 def listed(wrongs: Sequence[Wrong] = WRONG, whole: bool = True) -> Iterator[tuple[Wrong, int, str]]:

@@ -68,7 +68,7 @@ def test_each_command_has_shipped_durations_of_a_first_run() -> None:
 def test_without_a_terminal_a_line_begins_each_stage_and_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     now, stream = [50.0], io.StringIO()
     monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(terminal.Screen, "_keep_beating", lambda self: None)
+    monkeypatch.setattr(terminal, "BEAT_S", 60.0)
     monkeypatch.setattr(terminal, "usual", lambda command: USUAL)
     monkeypatch.setattr(terminal, "learn", lambda command, spent: None)
     screen = Screen(stream=stream, command="run")

@@ -18,6 +18,7 @@ from rths_cli.cli.terminal import new_screen, show_page
 @methods_option("compare")
 @overrides_option(["model"], "Use a model although its identification rejected it.")
 @click.option("--resolved", is_flag=True, help="Print the cases with all defaults as YAML, and do nothing else.")
+@click.option("--full", is_flag=True, help="Print margins, modes, latency, limits, errors by cause and guard, too.")
 @quiet_option
 @settings_option
 @json_option
@@ -26,6 +27,7 @@ def check(
     methods: tuple[str, ...],
     overrides: tuple[str, ...],
     resolved: bool,
+    full: bool,
     quiet: bool,
     settings: tuple[str, ...],
     as_json: bool,
@@ -58,7 +60,7 @@ def check(
     elif quiet:
         click.echo("\n".join(map(one_line, checked)))
     else:
-        show_page(lambda: pages(checked))
+        show_page(lambda: pages(checked, full))
     return max(one.exit_code for one in checked)
 
 

@@ -3,7 +3,6 @@ is and what to do next."""
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import NamedTuple
@@ -33,12 +32,13 @@ from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.results_by_case import RUN_NAMES, TABLE_RUNS, judge
 from rths_cli.report.results_by_case import status as result_status
 from rths_cli.report.stored_findings import stored_findings, without_run
-from rths_cli.report.to_text import WIDTH, laid_out_in, text, width, wrapped
+from rths_cli.report.to_text import WIDTH, in_room, laid_out_in, text
 
 MOST_STOREYS = 5  # of which all are shown; of taller buildings the three that drift most, and the roof
 NARROW = 60  # columns
-MOST_LINES, MOST_LINES_OF_SEVERAL = 25, 40  # of an answer, before its notes are shortened
-LEAST_LINES_OF_NOTES = 4
+MOST_LINES = 16  # of an answer, before its notes are shortened
+MOST_LINES_OF_SEVERAL = 40
+LEAST_LINES_OF_NOTES = 2
 MOST_NAMES = 3  # of cases before a note
 OFF_PEAK = 0.10  # of SIM's: a peak of EXP-RTHS that is farther off is told
 MOST_DEVIATIONS = 4  # of the specimen from what it is compared with, before the others are counted
@@ -141,25 +141,9 @@ def _told_notes(results: Sequence[Result], room: int, whole: bool) -> list[Block
     cut first, and what has no room at all is left out, which is said. `whole`: each note as it is."""
     found = notes(results)
     told = [str(note) for note in found] if whole else _alike(found, len(results))
-    lines = [wrapped(f"note: {note}", 2) for note in told]
-    room = max(room, LEAST_LINES_OF_NOTES)
-    if not whole and sum(map(len, lines)) > room:
-        lines, left = lines[: room - 1], max(len(lines) - (room - 1), 0)
-        for place in reversed(range(len(lines))):
-            others = sum(map(len, lines)) - len(lines[place])
-            lines[place] = _cut(lines[place], max(room - 1 - others, 1))
-        more = f", {left} more left out" if left else ""
-        lines.append(wrapped(f"(notes shortened{more}; rths run --full prints them whole)", 2))
-    return [Line(line) for note in lines for line in note]
-
-
-def _cut(lines: list[str], most: int) -> list[str]:
-    """Return the first lines of a note, which say that more follows."""
-    if len(lines) <= most:
-        return lines
-    rest = " ".join(line.strip() for line in lines[most - 1 :])
-    indent = " " * (len(lines[most - 1]) - len(lines[most - 1].lstrip()))
-    return [*lines[: most - 1], indent + textwrap.shorten(rest, width() - len(indent), placeholder=" ...")]
+    if whole:
+        return [Line(f"note: {note}") for note in told]
+    return in_room([f"note: {note}" for note in told], max(room, LEAST_LINES_OF_NOTES), "rths run --full")
 
 
 def _peaks_off(result: Result) -> list[str]:
@@ -227,7 +211,7 @@ def _comparison(results: Sequence[Result], whole: bool) -> list[Block]:
     ]
     above: list[Block] = [by_columns("case", names, columns), *told, *map(Line, scale_lines(results))]
     last = [Line(_said_of_all(results, grades)), Line(_next_of(results))]
-    room = MOST_LINES_OF_SEVERAL - text([[*above, *last]]).count("\n")
+    room = min(14 + 2 * len(results), MOST_LINES_OF_SEVERAL) - text([[*above, *last]]).count("\n")
     return [*above, *_told_notes(results, room, whole), *last]
 
 
@@ -499,17 +483,18 @@ def _ended(result: Result, run: str) -> str | None:
 
 
 def about(result: Result) -> str:
-    """Return record, damping, controller and rig in words."""
+    """Return record, damping (of the first mode), controller and rig in words."""
     a = result.attributes
     ratio = a.get("damping_first_mode_ratio")
-    first = f" ({100.0 * float(ratio):.2g} % in mode 1)" if isinstance(ratio, float) else ""
+    first = f" ({100.0 * float(ratio):.2g} %)" if isinstance(ratio, float) else ""
     scaling = f"{100.0 * float(a['scaling']):g} % " if a.get("scaling") not in (None, "") else ""
     words = f"{scaling}{a.get('record_name') or '-'}, damping {a.get('damping_name') or '-'}{first}"
     if not any(f"{run}_status" in a or run in result.groups for run in TABLE_RUNS):
         return words
     kind = "virtual rig" if a.get("rig_kind") == "virtual" else "rig"
     controller = "no controller" if a.get("controller") == "none" else a.get("controller")
-    return f"{words}, {controller} by method {a.get('method')}, {kind} {a.get('rig')}"
+    method = "" if a.get("method") == "best" else f" by method {a.get('method')}"
+    return f"{words}, {controller}{method}, {kind} {a.get('rig')}"
 
 
 ERROR = ("RMS error of acceleration",)

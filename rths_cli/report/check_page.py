@@ -13,7 +13,7 @@ from rths_cli.quantities import METRICS, Interval, intervals_of
 from rths_cli.report.case_metric_tables import budget, latency
 from rths_cli.report.document import Block, Document, Line, grid, labelled
 from rths_cli.report.numbers import DASH, intervals_json, json_value, rounded, significant, whole_percent
-from rths_cli.report.to_text import LABEL, text
+from rths_cli.report.to_text import LABEL, in_room, text
 from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
@@ -71,20 +71,28 @@ TANGENT_SCALES = (
     ("critical_delay_s", 1e3),
 )
 TANGENT_COLUMNS = ("spectral_radius", "faults", *(name for name, _ in TANGENT_SCALES))
+OVER_SIM_DELAY = (
+    ("predicted ", "check.rms_error_m_s2"),
+    ("true error below ", "check.true_error_bound_m_s2"),
+)
+FULL = "rths check --full"
+MOST_LINES, LEAST_LINES_OF_NOTES = 14, 2
 LEAST_GROWTH = 1e-9
 MOST_MODES = 10  # on the page
 Values = Mapping[str, Array]
 
 
-def pages(checked: Sequence[Checked]) -> str:
-    """Return a page for each case and, for several cases, before them a summary with a line for each case."""
-    sections = [section for one in checked for section in _sections(one)]
+def pages(checked: Sequence[Checked], full: bool = False) -> str:
+    """Return the verdict on a case with its reasons and the numbers that decide, or a line for each of several cases;
+    `full`: every number of each case, too."""
+    sections = [section for one in checked for section in _sections(one)] if full else []
     if len(checked) < 2:
-        return text(sections)
+        return text(sections or [section for one in checked for section in _brief(one)])
     rows = [[_name(one.about), one.verdict, _why(one)] for one in checked]
     widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
     lines = [f"{name:<{widths[0]}}  {verdict:<{widths[1]}}  {why}".rstrip() for name, verdict, why in rows]
-    return text([[Line(line, indent=LABEL) for line in lines], *sections])
+    more = [] if full else [Line(f"more: {FULL}, or one case alone")]
+    return text([[*(Line(line, indent=LABEL) for line in lines), *more], *sections])
 
 
 def page(checked: Checked) -> str:
@@ -93,9 +101,9 @@ def page(checked: Checked) -> str:
 
 
 def _sections(checked: Checked) -> Document:
-    values = {path: np.atleast_1d(np.asarray(value, dtype=float)) for path, value in checked.metrics.items()}
+    values = _numbers(checked)
     title, *about = _about(checked.about, _counters(values))
-    sections = [[title, *_verdict(checked), *about]]
+    sections = [[title, *_verdict(checked, full=True), *about]]
     if "check.spectral_radius" in values:
         sections += [
             _stability(values),
@@ -116,6 +124,67 @@ def _sections(checked: Checked) -> Document:
 def one_line(checked: Checked) -> str:
     """Return the verdict on a case with its reasons in one line."""
     return ": ".join(filter(None, (_name(checked.about), checked.verdict, _why(checked))))
+
+
+def _brief(checked: Checked) -> Document:
+    """Return verdict, reasons, the test and the numbers that decide, in MOST_LINES lines."""
+    values, about = _numbers(checked), checked.about
+    title, *_ = _about(about, "")
+    motion = f"{about.record} x {about.scaling:g}, {about.sample_rate_hz:g} Hz"
+    test = f"{about.structure}, damping {about.damping}; {motion}"
+    lines = [
+        title,
+        *_verdict(checked, full=False),
+        labelled("test", f"{test}; {about.controller}, method {about.method}{_counters(values)}"),
+        labelled("model", about.model),
+        *([labelled("overridden", ", ".join(about.overrides))] if about.overrides else []),
+        *_decisive(values),
+    ]
+    notes = [f"note: {one}" for one in checked.warnings if one not in checked.reasons]
+    room = max(MOST_LINES - 1 - text([lines]).count("\n"), LEAST_LINES_OF_NOTES)
+    return [[*lines, *in_room(notes, room, FULL), Line(f"more: {FULL}, --json")]]
+
+
+def _decisive(values: Values) -> list[Block]:
+    """Return a line each on stability, table limits and expected error, as far as they are predicted."""
+    if "check.spectral_radius" not in values:
+        return []
+    radius = f"spectral radius {_one(values, 'spectral_radius'):.6f}"
+    if _one(values, "spectral_radius") >= 1.0:
+        return [labelled("stability", f"{radius}: the loop is unstable")]
+    stands, must = (100.0 * _one(values, f"{name}_table_error") for name in ("tolerated", "required"))
+    margin = f"delay margin {significant(1e3 * _one(values, 'delay_margin_s'))} ms"
+    error = f"table error tolerated {stands:.3g} %, required {must:.3g} %"
+    return [labelled("stability", f"{radius}; {margin}; {error}"), *_nearest_limit(values), *_expected(values)]
+
+
+def _nearest_limit(values: Values) -> list[Block]:
+    if "check.peak_command_v" not in values:
+        return []
+    shares = {label: _one(values, f"peak_{leaf}") / _one(values, f"limit_{leaf}") for label, leaf, _ in REACH}
+    nearest = max(shares, key=shares.__getitem__)
+    largest = _one(values, "largest_scaling")
+    scaling = f"{largest:g}" if largest > 0.0 else "none, the test is not safe with any"
+    at = f"{nearest.partition(',')[0]} at {100.0 * shares[nearest]:.1f} % of its limit"
+    return [labelled("table limits", f"{at}; largest safe scaling {scaling}")]
+
+
+def _expected(values: Values) -> list[Block]:
+    if "check.rms_error_m_s2" not in values:
+        return []
+    error = values["check.rms_error_m_s2"]
+    worst = int(np.argmax(error))
+    said = f"{significant(1e3 * error[worst])} mm/s^2 RMS (storey {worst + 1})"
+    if "check.sim_delay_rms_error_m_s2" in values:
+        delayed = values["check.sim_delay_rms_error_m_s2"]
+        over = [(label, values[path] / delayed) for label, path in OVER_SIM_DELAY if path in values]
+        parts = [f"{label}{100.0 * float(np.max(share)):.2g} %" for label, share in over]
+        said += f"; of SIM-DELAY's error {', '.join(parts)}" if parts and np.all(delayed > 0.0) else ""
+    return [labelled("expected error", said)]
+
+
+def _numbers(checked: Checked) -> Values:
+    return {path: np.atleast_1d(np.asarray(value, dtype=float)) for path, value in checked.metrics.items()}
 
 
 def _name(about: Tested) -> str:
@@ -359,12 +428,13 @@ def _over_samples(intervals: Mapping[str, Interval]) -> list[Block]:
     return [labelled("range over samples", about), grid(rows)]
 
 
-def _verdict(checked: Checked) -> list[Block]:
+def _verdict(checked: Checked, full: bool) -> list[Block]:
     """Return the lines on verdict and reasons; a warning that is a reason is told once, here."""
     first = " ".join(filter(None, (checked.verdict, _if_right(checked))))
     first = f"{checked.verdict}: {checked.reasons[0]}" if checked.reasons else first
     of_runs = ", ".join(f"{label} {verdict}" for label, verdict in checked.runs)
-    runs = [labelled("table runs", of_runs)] if len(checked.runs) > 1 else []
+    differ = len({verdict for _, verdict in checked.runs}) > 1
+    runs = [labelled("table runs", of_runs)] if differ or (full and len(checked.runs) > 1) else []
     return [labelled("verdict", first, checked.verdict), *(labelled("", one) for one in checked.reasons[1:]), *runs]
 
 

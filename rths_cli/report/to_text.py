@@ -77,6 +77,29 @@ def wrapped(sentence: str, indent: int = 0) -> list[str]:
     return [line.rstrip() for line in made] or [""]
 
 
+def in_room(sentences: Sequence[str], room: int, whole: str) -> list[Block]:
+    """Return sentences in at most `room` lines: the last ones are cut first, and what has no room is left out; one line
+    says so, with the command that prints them `whole`."""
+    lines = [wrapped(sentence, 2) for sentence in sentences]
+    if sum(map(len, lines)) > room:
+        lines, left = lines[: room - 1], max(len(lines) - (room - 1), 0)
+        for place in reversed(range(len(lines))):
+            others = sum(map(len, lines)) - len(lines[place])
+            lines[place] = _cut(lines[place], max(room - 1 - others, 1))
+        more = f", {left} more left out" if left else ""
+        lines.append(wrapped(f"(notes shortened{more}; {whole} prints them whole)", 2))
+    return [Line(line) for sentence in lines for line in sentence]
+
+
+def _cut(lines: list[str], most: int) -> list[str]:
+    """Return the first lines of a note, which say that more follows."""
+    if len(lines) <= most:
+        return lines
+    rest = " ".join(line.strip() for line in lines[most - 1 :])
+    indent = " " * (len(lines[most - 1]) - len(lines[most - 1].lstrip()))
+    return [*lines[: most - 1], indent + textwrap.shorten(rest, width() - len(indent), placeholder=" ...")]
+
+
 def table_lines(table: Table) -> list[str]:
     """Return the lines of a table without title and notes; of a wide table, those of its parts."""
     table, room = _with_room_for_marks(table), width() - table.indent

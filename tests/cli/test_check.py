@@ -47,7 +47,7 @@ def test_safe_and_unsafe_cases_in_one_document(tmp_path: Path, model: tuple[str,
 
 
 def test_the_page_of_a_safe_case_ends_with_the_verdict(tmp_path: Path, model: tuple[str, str]) -> None:
-    done = rths("check", CASE, *model, cwd=tmp_path)
+    done = rths("check", CASE, *model, "--full", cwd=tmp_path)
     assert done.returncode == 0
     assert done.stdout.splitlines()[1].split() == ["verdict", "safe"]
     assert max(len(line) for line in done.stdout.splitlines()) <= 100

@@ -178,7 +178,23 @@ def test_several_cases_begin_with_a_line_each() -> None:
     last = text.splitlines()[:2]
     assert last[0].split()[:3] == ["my_case", "(best)", "safe"] and "up to scaling" in last[0]
     assert last[1].split() == ["other", "(best)", "unsafe", "too", "large"]
-    assert text.count("Check of ") == 2
+    assert "Check of " not in text
+    assert pages([checked(), checked(case="other")], full=True).count("Check of ") == 2
+
+
+def test_one_case_is_the_verdict_and_what_decides_in_few_lines() -> None:
+    found = replace(checked("unsafe", ("too large",)), notes=tuple(map(stated, ["a long note of many words " * 9] * 5)))
+    lines = pages([found]).splitlines()
+    assert len(lines) <= 14 and lines[1].split() == ["verdict", "unsafe:", "too", "large"]
+    values, said = found.metrics, " ".join(" ".join(lines).split())
+    error = np.asarray(values["check.rms_error_m_s2"])
+    assert f"expected error {1e3 * error.max():.3g} mm/s^2 RMS (storey {1 + error.argmax()})" in said
+    assert f"largest safe scaling {float(np.asarray(values['check.largest_scaling'])):g}" in said
+    assert "more left out; rths check --full prints them whole)" in said
+    for word in ("spectral radius", "delay margin", "of its limit", "more: rths check --full"):
+        assert word in said
+    unstable = with_figure(with_figure(found, "spectral_radius", 1.2), "growth", 5.0)
+    assert "the loop is unstable" in pages([unstable]) and "delay margin" not in pages([unstable])
 
 
 def test_the_document_is_plain_json_with_units_and_definitions() -> None:

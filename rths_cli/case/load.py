@@ -447,7 +447,10 @@ def _fault(tree: Node, entry: ErrorDetails) -> Fault:
         return Fault(replace(mark, column=mark.column + odd[0]), path, odd[1])
     if kind == "unknown_key" and not mark.line:
         message = _as_typed(message, path, mark.source.label, meant)
-    return Fault(mark, path, with_advice(name, message), tuple(meant))
+    advised = with_advice(name, message)
+    if "; write " not in advised and not mark.line and isinstance(node.value, str) and "," in node.value:
+        advised += f"; for several values: rths sweep CASE --vary {path}={node.value}"
+    return Fault(mark, path, advised, tuple(meant))
 
 
 def _as_typed(message: str, path: str, label: str, meant: Sequence[str]) -> str:

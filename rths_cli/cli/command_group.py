@@ -48,10 +48,15 @@ class Commands(click.Group):
         return command.get_short_help_str(LONGEST) if command else ""
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=Commands,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(__version__, prog_name="rths")
 @click.option("--debug", is_flag=True, help="Show a traceback when rths itself fails.")
-def cli(debug: bool) -> None:
+@click.pass_context
+def cli(ctx: click.Context, debug: bool) -> None:
     """Run substructure real-time hybrid simulations with a uni-axial shake table.
 
     A case file names a structure, its damping, a record, its scaling and a controller.
@@ -59,6 +64,9 @@ def cli(debug: bool) -> None:
     Example: rths run el_centro_low_ff_fb
     """
     end_logs()  # of a command before this one in the same process
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())
+        return
     try:
         os.getcwd()
     except FileNotFoundError:

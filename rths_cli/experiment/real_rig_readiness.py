@@ -25,7 +25,7 @@ from rths_cli.loop.realtime_run import Performance, prepare, rehearse_watched
 from rths_cli.loop.scheduling import wake_share
 from rths_cli.quantities import Interval
 from rths_cli.rigs.description import RigInfo
-from rths_cli.rigs.from_case import driver, virtual_driver
+from rths_cli.rigs.from_case import check_link, driver, virtual_driver
 from rths_cli.rigs.interface import as_commands, counts_time, linked, name_session
 
 if TYPE_CHECKING:
@@ -310,6 +310,8 @@ def ask_to_move(
     from rths_cli.numerics.clock import require_real_time
 
     require_real_time()
+    for setup in real:
+        check_link(setup.case)
     attended = [setup.rig.name for setup in real if not setup.rig.unattended]
     if yes:
         if attended:

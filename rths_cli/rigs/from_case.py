@@ -417,6 +417,14 @@ def simulated(case: Case) -> VirtualRigSpec:
     return case.table
 
 
+def check_link(case: Case) -> None:
+    """Raise InputError if what the link to a rig needs is missing here, as a key file; nothing is opened."""
+    if isinstance(case.table, UdpRigSpec):
+        from rths_cli.rigs.udp.session import read_secret
+
+        read_secret(case.table.udp.key_file)
+
+
 def _udp(rig: RigInfo, table: UdpRigSpec) -> UdpRig:
     """Return the rig behind UDP that a rig file describes."""
     from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget

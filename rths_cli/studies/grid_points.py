@@ -81,8 +81,9 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
     assert first is not None  # a plan has a point
     if unread:
         names = {axis.key: axis.name for axis in plan.axes}
-        advice = "vary another key (rths schema case lists them)"
-        raise InputError(*(f"{names[key]}: changes nothing in a sweep, {why}; {advice}" for key, why in unread.items()))
+        raise InputError(
+            *(f"{names[key]}: changes nothing in a sweep, {why}; vary {_instead(key)}" for key, why in unread.items())
+        )
     if planned.own_seed:
         plan = replace(plan, seeds=range(first.case.seed, first.case.seed + 1))
     columns = kept_columns(planned.metrics, planned.study, has_laws, has_truth)
@@ -122,6 +123,13 @@ def _setups(asked: Asked, planned: Planned, shared: Shared, progress: Progress) 
                 break
     if faults:
         raise InputError(*_told(list(faults.values()), plan))
+
+
+def _instead(key: str) -> str:
+    """Return what to vary instead of a key that changes nothing."""
+    if key == "delay_s":
+        return "table.converters.latency_samples, by which the table answers later"
+    return "another key (rths schema case lists them)"
 
 
 def _still_unread(before: dict[str, str] | None, case: Case, plan: Plan) -> dict[str, str]:

@@ -27,6 +27,8 @@ def told(*settings: str) -> tuple[str, ...]:
         ("scaling=30%", "must be a number, got '30%'; write 0.3"),
         ("scaling='12,5 %'", "must be a number, got '12,5 %'; write 0.125"),
         ("scaling=0,3", "must be a number, got '0,3'; write 0.3"),
+        ("scaling=0.1,0.2", "got '0.1,0.2'; for several values: rths sweep CASE --vary scaling=0.1,0.2"),
+        ("controller=FF,FF+FB", "got 'FF,FF+FB'; for several values: rths sweep CASE --vary controller=FF,FF+FB"),
         ("scaling=lots", "must be a number, got 'lots'"),
         ("delay_s=5", "must be >= 0 and <= 0.1 s, got 5; 5 ms are 0.005 s"),
         ("delay_s=500", "must be >= 0 and <= 0.1 s, got 500"),

@@ -29,7 +29,7 @@ def rig_info() -> RigInfo:
 
 def setups(**about: object) -> list[SimpleNamespace]:
     rig: RigInfo = replace(rig_info(), **({"kind": "udp", "name": "lab"} | about))  # type: ignore[arg-type]
-    case = SimpleNamespace(name="demo", scaling=0.3, record=SimpleNamespace(name="el_centro"))
+    case = SimpleNamespace(name="demo", scaling=0.3, table=None, record=SimpleNamespace(name="el_centro"))
     motion = SimpleNamespace(time_s=np.array([0.0, 20.0, 40.0]), accel_m_s2=np.array([0.0, -1.234, 1.0]))
     return [SimpleNamespace(rig=rig, case=case, motion=motion)]
 
@@ -121,9 +121,12 @@ def test_a_channel_that_is_not_at_rest_is_named(zero: float, noise: float, fault
 
 @pytest.mark.parametrize("move", ["a person", "--yes"])
 def test_a_real_rig_with_a_doubted_number_moves_only_where_the_case_names_it_plausible(
-    move: str, terminal: None, tmp_path: Path
+    move: str, terminal: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A force limit in mN switches the guard's off: nobody is asked until it is corrected or called plausible."""
+    (tmp_path / "key").write_text("0123456789abcdef" * 2)
+    (tmp_path / "key").chmod(0o600)
+    monkeypatch.setenv("RTHS_KEY_FILE", str(tmp_path / "key"))
     rig, person = tmp_path / "rig.yaml", Person(True)
     rig.write_text("extends: udp_example\nlimits: {force_n: 400000}\nunattended: true\n")
 
@@ -139,3 +142,8 @@ def test_a_real_rig_with_a_doubted_number_moves_only_where_the_case_names_it_pla
         ask("plausible=[table.limits.stroke_m]")  # another number's consent is none
     ask("plausible=[table.limits.force_n]")
     assert ("400000 N" in person.shown) == (move == "a person")
+    person.shown = ""
+    monkeypatch.delenv("RTHS_KEY_FILE")  # is told before anybody is asked and anything is measured
+    with pytest.raises(InputError, match="the link needs a key file"):
+        ask("plausible=[table.limits.force_n]")
+    assert person.shown == ""

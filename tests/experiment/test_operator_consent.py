@@ -121,14 +121,13 @@ def test_a_channel_that_is_not_at_rest_is_named(zero: float, noise: float, fault
 
 @pytest.mark.parametrize("move", ["a person", "--yes"])
 def test_a_real_rig_with_a_doubted_number_moves_only_where_the_case_names_it_plausible(
-    move: str, terminal: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    move: str, terminal: None, tmp_path: Path
 ) -> None:
     """A force limit in mN switches the guard's off: nobody is asked until it is corrected or called plausible."""
     (tmp_path / "key").write_text("0123456789abcdef" * 2)
     (tmp_path / "key").chmod(0o600)
-    monkeypatch.setenv("RTHS_KEY_FILE", str(tmp_path / "key"))
     rig, person = tmp_path / "rig.yaml", Person(True)
-    rig.write_text("extends: udp_example\nlimits: {force_n: 400000}\nunattended: true\n")
+    rig.write_text("extends: udp_example\nlimits: {force_n: 400000}\nunattended: true\nudp: {key_file: key}\n")
 
     def ask(*settings: str) -> None:
         setup = make_setup(load_cases(["el_centro_low_ff_fb"], (f"table={rig}", *settings))[0])
@@ -143,7 +142,7 @@ def test_a_real_rig_with_a_doubted_number_moves_only_where_the_case_names_it_pla
     ask("plausible=[table.limits.force_n]")
     assert ("400000 N" in person.shown) == (move == "a person")
     person.shown = ""
-    monkeypatch.delenv("RTHS_KEY_FILE")  # is told before anybody is asked and anything is measured
-    with pytest.raises(InputError, match="the link needs a key file"):
+    (tmp_path / "key").unlink()  # is told before anybody is asked and anything is measured
+    with pytest.raises(InputError, match="key file .* cannot be read"):
         ask("plausible=[table.limits.force_n]")
     assert person.shown == ""

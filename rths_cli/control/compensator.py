@@ -41,14 +41,14 @@ from rths_cli.control.interface import PartDesign, not_judged
 from rths_cli.control.law_block import Law, declared_block, derived_block, with_sent_before
 from rths_cli.control.python_parts import PythonFeedforward
 from rths_cli.errors import InputError
-from rths_cli.files.user_code import code_of_file, installed_module, module_of_text, told, unbounded_work
+from rths_cli.files.user_code import code_of_file, comes_back, installed_module, module_of_text, told, unbounded_work
 from rths_cli.numerics.lti import Array, Block, Model
 from rths_cli.numerics.user_functions import UserFunction, compile_command
 from rths_cli.structure import Specimen
 
 FIELD = "controller"
 MOST_STATES, MOST_PARAMETERS = 500, 5000
-ARGUMENTS = 6  # of command
+LONGEST_TRIAL_S = 10.0  # of the calls by which a law is tried
 PHASE_LINES = 200  # of the compared band, over which the lag of the table is averaged
 # what numba raises of source that it does not know: its own errors, of which one is no NumbaError, and bare ones
 NOT_COMPILED = (
@@ -151,13 +151,15 @@ class Definition:
 
 @dataclass(frozen=True)
 class CompiledLaw:
-    """The design of a compensator that is not linear, as compiled code; `judged`: its declared linear block."""
+    """The design of a compensator that is not linear, as compiled code; `judged`: its linear block, which it declares
+    itself where `declares`."""
 
     name: str
     function: UserFunction
     parameters: Array
     states: int
     judged: Block | None
+    declares: bool = False
     affine: bool = True
     linear: bool = False
     logs: tuple[()] = ()
@@ -168,6 +170,13 @@ class CompiledLaw:
         if self.judged is None:
             raise not_judged(self.name)
         return self.judged
+
+
+@dataclass(frozen=True)
+class CalledLaw(PythonFeedforward):
+    """The same as a Python object."""
+
+    declares: bool = False
 
 
 @dataclass(frozen=True)
@@ -282,9 +291,19 @@ def designed_law(definition: Definition, options: Mapping[str, float | None], pl
     if definition.command is None and definition.made is None:
         raise InputError(f"{who}: design gives numbers, but there is no function command and no class Compensator")
     law = Law(definition.who, numbers, definition.states, plant.channels, definition.command, definition.made)
-    if faults := law.faults():
+    faults: list[str] = []
+    if not comes_back(lambda: faults.extend(_faults_of(law)), LONGEST_TRIAL_S):
+        faults = [f"command has not come back within {LONGEST_TRIAL_S:g} s; bound its loops"]
+    if faults:
         raise InputError(*(f"{who}: {fault}" for fault in faults))
     return law
+
+
+def _faults_of(law: Law) -> Sequence[str]:
+    try:
+        return law.faults()
+    except InputError as error:
+        return [fault.removeprefix(f"{FIELD}: {law.name}: ") for fault in error.faults]
 
 
 def _called(definition: Definition, options: Mapping[str, float | None], plant: Plant) -> Any:
@@ -312,8 +331,8 @@ def part_of_law(definition: Definition, law: Law, dt_s: float) -> PartDesign:
         judged = placed_block(FIELD, declared_block(definition.linear, law, dt_s), dt_s, law.channels)
     function = compiled_function(definition, law)
     if isinstance(function, UserFunction):
-        return CompiledLaw(definition.who, function, law.parameters, law.states, judged)
-    return PythonFeedforward(definition.who, law.in_step, judged, remembers=1)
+        return CompiledLaw(definition.who, function, law.parameters, law.states, judged, declares=derived is None)
+    return CalledLaw(definition.who, law.in_step, judged, remembers=1, declares=derived is None)
 
 
 def without_sent(block: Block) -> Block:

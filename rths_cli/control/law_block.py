@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from rths_cli.numerics.lti import Array, Block
 SENT = "sent_v"
 TRIALS = 60  # random states and inputs, of 1e-6 to 1e3 each, on which superposition is tested
 SMALLEST, LARGEST = -6.0, 3.0  # powers of ten
+IN_A_ROW, FOLLOWS = 2000, 1e-9  # inputs one after another, and how near block and law are then
 ROUNDING = 1e-9  # of the sum of the terms' sizes
 TYPICAL = np.array([10.0, 0.5, 0.05])  # m/s^2, m/s, m: a desired motion near a table's limits
 TIMED = 200  # calls of which the time is taken, five times
@@ -42,7 +44,7 @@ class Law:
     @property
     def states(self) -> int:
         """Return how many numbers it remembers."""
-        return self.declared_states if self.command is not None else self.new().state.size
+        return self.declared_states if self.command is not None else self.tried.state.size
 
     def new(self) -> Any:
         """Return an object with `state` and `command(desired, measured, sent)`, at rest."""
@@ -58,10 +60,15 @@ class Law:
             )
         return made
 
+    @cached_property
+    def tried(self) -> Any:
+        """Return the one object that is tried: what it remembers beside its state must show."""
+        return self.new()
+
     def evaluated(self, state: Array, given: Array) -> Array:
         """Return the command, then the next state, (1 + n,), for a state (n,) and inputs (3 + c + 1,): desired motion,
         measured accelerations, command that was sent."""
-        made = self.new()
+        made = self.tried
         made.state[:] = state
         made_v = float(made.command(given[:3].copy(), given[3:-1].copy(), float(given[-1])))
         return np.concatenate([[made_v], made.state])
@@ -158,8 +165,22 @@ def derived_block(law: Law, dt_s: float) -> Block | None:
         if not np.all(off <= ROUNDING * np.abs(matrix) @ np.abs(given)):
             return None
     names = (*DESIRED, *measured_names(law.channels), SENT)
-    return Block("feedforward", matrix[1:, :n], matrix[1:, n:], matrix[:1, :n], matrix[:1, n:], dt_s, names,
-                 ("command_v",))  # fmt: skip
+    found = Block("feedforward", matrix[1:, :n], matrix[1:, n:], matrix[:1, :n], matrix[:1, n:], dt_s, names,
+                  ("command_v",))  # fmt: skip
+    return found if _follows(law, found, rng.standard_normal((IN_A_ROW, m))) else None
+
+
+def _follows(law: Law, block: Block, inputs: Array) -> bool:
+    """Return whether a law gives the outputs of its block for inputs (k, m) one after another, from rest."""
+    made, state = law.new(), np.zeros(len(block.A))
+    size = np.abs(block.C) @ np.ones(len(state)) + np.abs(block.D) @ np.ones(inputs.shape[1])
+    for given in inputs:
+        wanted = float((block.C @ state + block.D @ given).item())
+        code = float(made.command(given[:3].copy(), given[3:-1].copy(), float(given[-1])))
+        state = block.A @ state + block.B @ given
+        if not abs(code - wanted) <= FOLLOWS * (float(size[0]) * (1.0 + np.abs(state).max(initial=0.0))):
+            return False
+    return True
 
 
 def with_sent_before(block: Block) -> Block:

@@ -14,9 +14,9 @@ import numpy as np
 
 from rths_cli.case.resolve import VARIED
 from rths_cli.case.rig_schema import DEFAULT_ENERGY_RATIO
+from rths_cli.control.compensator import CalledLaw
 from rths_cli.control.designed_blocks import cell_reads
 from rths_cli.control.law_block import STEP_SHARE, seconds_per_call
-from rths_cli.control.python_parts import PythonFeedforward
 from rths_cli.errors import InputError
 from rths_cli.experiment.session import wants_session_record
 from rths_cli.experiment.setup import Setup, placed
@@ -181,10 +181,9 @@ def opened(rig: Rig) -> Iterator[None]:
                 rig.close()
 
 
-def _refuse_slow(feedforward: PythonFeedforward, setup: Setup) -> None:
+def _refuse_slow(feedforward: CalledLaw, dt_s: float, channels: int) -> None:
     """Raise InputError where a compensator in Python takes more than its share of the interval."""
-    model, dt_s, channels = feedforward.make(), setup.rig.dt_s, len(setup.rig.channels)
-    seconds = seconds_per_call(model.command, channels)
+    seconds = seconds_per_call(feedforward.make().command, channels)
     if seconds > STEP_SHARE * dt_s:
         raise InputError(
             f"controller: {feedforward.name} takes {1e6 * seconds:.3g} us per step in Python, at most "
@@ -199,14 +198,14 @@ def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
     Both the start of the steps and the end of their computation must be punctual, within a fraction of an interval.
     """
     info = setup.rig
-    key = "parts" if setup.parts else "controller"
+    key = "controller" if isinstance(blocks.feedforward, CalledLaw) else "parts"
     if blocks.in_python and info.watchdog_s <= 0.0:
         raise InputError(
             f"{key}: {blocks.in_python[0].name} is a Python object, which may hang, and rig {info.name} has no "
             "watchdog (watchdog_s: 0) that would lead its table to rest then; use a rig with one, or a compiled part"
         )
-    if not setup.parts and isinstance(blocks.feedforward, PythonFeedforward):
-        _refuse_slow(blocks.feedforward, setup)
+    if isinstance(blocks.feedforward, CalledLaw):
+        _refuse_slow(blocks.feedforward, setup.rig.dt_s, len(blocks.correction.C))
     run = prepare(info, blocks, source, np.zeros((round(REHEARSAL_S / info.dt_s), 3)), guard_limits(setup))
     late_s, took_s = rehearse_watched(run, REHEARSAL_S)
     if blocks.fault():

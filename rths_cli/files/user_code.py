@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import ast
 import hashlib
-from collections.abc import Collection, Iterator
+import threading
+from collections.abc import Callable, Collection, Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
@@ -72,6 +73,15 @@ def unbounded_work(text: str, instead: str, left_out: Collection[str] = ()) -> I
                 yield f"line {line}: {one.name} calls itself, which has no bound of its work; write a loop"
             elif isinstance(node, ast.Raise | ast.Assert):
                 yield f"line {line}: nothing may be raised while a table moves; return {instead}"
+
+
+def comes_back(work: Callable[[], object], seconds: float) -> bool:
+    """Do a work in a thread, and return whether it has come to its end in time; one that has not goes on, because code
+    cannot be stopped."""
+    trial = threading.Thread(target=work, daemon=True)
+    trial.start()
+    trial.join(seconds)
+    return not trial.is_alive()
 
 
 def told(error: BaseException) -> str:

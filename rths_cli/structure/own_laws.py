@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import inspect
 import math
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -29,7 +28,7 @@ from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
 from rths_cli.case.plugin_interface import LAWS
 from rths_cli.errors import InputError
-from rths_cli.files.user_code import code_of_file, installed_module, module_of_text, told, unbounded_work
+from rths_cli.files.user_code import code_of_file, comes_back, installed_module, module_of_text, told, unbounded_work
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.user_functions import UserFunction, compile_force
 from rths_cli.structure.storey_laws import NUMBERS, OWN, OWN_PARAMETERS, OWN_STATES, Law, Tangents
@@ -193,10 +192,7 @@ def _checked(definition: Definition, values: tuple[float, ...], largest_drift_m:
         except Exception as error:
             faults.append(f"force fails: {told(error)}")
 
-    trial = threading.Thread(target=tried, daemon=True)  # compiled code holds no lock, and cannot be stopped
-    trial.start()
-    trial.join(LONGEST_TRIAL_S)
-    if trial.is_alive():
+    if not comes_back(tried, LONGEST_TRIAL_S):  # compiled code holds no lock
         faults = [f"force has not come back within {LONGEST_TRIAL_S:g} s; bound its loops"]
     if faults:
         raise InputError(*(f"{FIELD}: {definition.who}: {fault}" for fault in faults))

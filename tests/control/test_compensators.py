@@ -12,8 +12,10 @@ import pytest
 from scipy.io import savemat
 from scipy.signal import dlsim, lfilter
 
+from rths_cli.control import compensator
 from rths_cli.control.block_files import placed_block, read_block
 from rths_cli.control.compensator import (
+    CalledLaw,
     CompiledLaw,
     Plant,
     compensator_of,
@@ -181,7 +183,7 @@ def test_the_same_law_gives_the_same_in_every_way(tmp_path: Path) -> None:
     in_python = "import numpy as np\n" + limited.replace("p[0] * desired[2]", "np.array([p[0] * desired[2]])[0]")
     parts.append(own(tmp_path, in_python, "d.py"))
     parts += blocks_of_file(tmp_path)
-    assert [type(one) for one in parts[:4]] == [Block, Block, CompiledLaw, PythonFeedforward]
+    assert [type(one) for one in parts[:4]] == [Block, Block, CompiledLaw, CalledLaw]
     for part in parts:
         assert np.abs(played(part, desired) - wanted).max() <= 1e-12 * np.abs(wanted).max()
 
@@ -230,6 +232,25 @@ def test_a_limit_far_above_the_motion_is_seen() -> None:
         return float(min(desired[2], 100.0))
 
     assert derived_block(Law("limited", np.zeros(0), 0, 1, command, None), DT_S) is None
+
+
+def test_a_law_that_does_not_come_back_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compensator, "LONGEST_TRIAL_S", 0.05)
+    with pytest.raises(InputError, match=r"command has not come back within 0\.05 s; bound its loops"):
+        own(tmp_path, f"import time\n{LAW}time.sleep(0.3)\n    return 0.0\n")
+
+
+def test_what_a_class_remembers_beside_its_state_is_found(tmp_path: Path) -> None:
+    """A sum that is not in `state` would make the check judge a law without it."""
+    hidden = AS_CLASS.replace("self.state = np.zeros(2)", "self.state, self.sum = np.zeros(2), 0.0")
+    hidden = hidden.replace("        return made", "        self.sum += desired[2]\n        return made + self.sum")
+    with pytest.raises(InputError, match="gives another result when it is called again from the same state"):
+        own(tmp_path, hidden)
+    later = hidden.replace("self.sum += desired[2]", "self.sum += 1.0").replace(
+        "+ self.sum", "* (1 + (self.sum > 250))"
+    )
+    part = own(tmp_path, later, "later.py")
+    assert not isinstance(part, Block)
 
 
 LAW = "def command(p, state, next_state, desired, measured, sent):\n    "

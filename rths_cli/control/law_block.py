@@ -95,7 +95,8 @@ class Law:
             kept, numbers = given.copy(), self.parameters.copy()
             first, again = self.evaluated(state, given), self.evaluated(state, given)
             if not np.isfinite(first).all():
-                yield f"command or next_state is not finite for the desired motion {given[:3].round(4).tolist()}"
+                asked = f"the desired motion {given[:3].round(4).tolist()}"
+                yield f"command or next_state is not finite for {asked}; write all of next_state in every call"
                 return
             if not np.array_equal(first, again):
                 yield "gives another result when it is called again from the same state; keep all memory in state"

@@ -260,7 +260,11 @@ LAW = "def command(p, state, next_state, desired, measured, sent):\n    "
     ("text", "sentence"),
     [
         (f"{LAW}return 1.0 + desired[2]\n", "at rest .* command and next_state must be 0"),
-        (f"STATES = 1\n{LAW}return state[0]\n", "command or next_state is not finite"),
+        (f"STATES = 1\n{LAW}return state[0]\n", "at rest .* command and next_state must be 0"),
+        (
+            f"STATES = 1\n{LAW}if desired[2] >= 0:\n        next_state[0] = desired[2]\n    return state[0]\n",
+            "command or next_state is not finite for .* write all of next_state in every call",
+        ),
         (f"import random\n{LAW}return desired[2] * random.random()\n", "gives another result when it is called again"),
         (f"{LAW}return 1.0 / 0\n", "command failed: ZeroDivisionError"),
         (f"{LAW}return desired[7]\n", "command failed: IndexError"),

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.io import savemat
-from scipy.signal import dlsim, lfilter
+from scipy.signal import dlsim, lfilter, lsim
 
 from rths_cli.control import compensator
 from rths_cli.control.block_files import placed_block, read_block
@@ -28,7 +28,7 @@ from rths_cli.control.interface import PartDesign
 from rths_cli.control.law_block import Law, derived_block
 from rths_cli.control.python_parts import PythonFeedforward
 from rths_cli.errors import InputError
-from rths_cli.numerics.lti import Array, Block
+from rths_cli.numerics.lti import Array, Block, Model
 
 PLANT = made_up_plant()
 DT_S = PLANT.dt_s  # 0.5 ms
@@ -87,6 +87,22 @@ def test_second_order_prediction_at_points() -> None:
     found = of_displacement(designed("taylor", {"delay_s": 0.004}))
     angle = 2.0 * np.pi * POINTS_HZ * 0.004
     assert np.abs(found - (1.0 - 0.5 * angle**2 + 1j * angle)).max() < 1e-12
+
+
+def test_the_model_based_inverse_leaves_the_low_pass() -> None:
+    """The command of straight lines is that of scipy's solution for the table's poles over those of a Bessel low pass
+    of second order and of 2 ms, 3 / (T^2 s^2 + 3 T s + 3)."""
+    block = designed("model_based", {"low_pass_s": 0.002}).linearised()
+    desired = 0.01 * np.random.default_rng(5).standard_normal(600)
+    desired[0] = 0.0
+    table = np.real(np.poly(PLANT.model.poles)) / PLANT.model.gain
+    _, wanted, _ = lsim((3.0 * table, (0.002**2, 0.006, 3.0)), desired, np.arange(600) * DT_S)
+    found = dlsim((block.A, block.B[:, 2:3], block.C, block.D[:, 2:3], DT_S), desired)[1][:, 0]
+    poles, gain = PLANT.model.poles, PLANT.model.gain
+    assert np.abs(found - wanted).max() < 1e-9 * np.abs(wanted).max()
+    behind = Model(np.array([0, 0, 50.0], complex), poles, gain, 0.001, (0.7, 60.0))
+    with pytest.raises(InputError, match=r"has a zero at 7\.96 Hz in the right half plane"):
+        designed("model_based", {}, Plant(behind, PLANT.specimen, DT_S, (0.7, 11.0)))
 
 
 def test_the_lag_of_a_plant_is_that_of_its_table() -> None:

@@ -13,7 +13,6 @@ import numpy as np
 
 from rths_cli.case.compensator_schema import CompensatorSpec
 from rths_cli.case.shipped_files import is_shipped
-from rths_cli.control.compensator import Compensator, compensator_of
 from rths_cli.control.interface import PartDesign
 from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.errors import InputError
@@ -40,6 +39,7 @@ from rths_cli.structure import Building, Similitude, Specimen, build, similitude
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
+    from rths_cli.control.compensator import Compensator
     from rths_cli.control.interface import OwnParts
     from rths_cli.identification.results import Identification
 
@@ -217,6 +217,8 @@ def _compensator(case: Case) -> Compensator | None:
     """Return the compensator that a case states, loaded; None for FF, FF+FB and none."""
     if not isinstance(case.controller, CompensatorSpec):
         return None
+    from rths_cli.control.compensator import compensator_of  # with numba, for which other cases need not wait
+
     try:
         return compensator_of(case.controller)
     except InputError as error:

@@ -4,12 +4,24 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, field_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WithJsonSchema,
+    WrapValidator,
+    field_validator,
+)
+from pydantic_core import InitErrorDetails
 
-from rths_cli.case.field_types import Problem, Range, Strict, count, entry, listed, number, refusal, same_length
+from rths_cli.case.compensator_schema import CompensatorSpec, compensator_kinds
+from rths_cli.case.field_types import Problem, Range, Strict, count, entry, listed, number, refusal, same_length, shown
 from rths_cli.case.real_rig_overrides import REAL_DEFAULTS, STRICTER
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_capabilities import DEFAULT_KIND, Capabilities, capabilities_of
@@ -131,6 +143,11 @@ class ControllerSpec(Strict):
         "command preview",
     )
 
+    @property
+    def inverts(self) -> bool:
+        """Return whether the feedforward is the inverse of the identified table."""
+        return self.kind != "none"
+
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
         band = listed(data, "disturbance_hz")
@@ -139,6 +156,29 @@ class ControllerSpec(Strict):
         elif band and all(isinstance(f, int | float) for f in band) and band[1] < 2 * band[0]:
             ends = f"{band[0]:g} to {band[1]:g} Hz"
             yield ("disturbance_hz",), f"must be a band of an octave or more, its lower end first, got {ends}"
+
+
+CONTROLLERS: tuple[str, ...] = ("FF", "FF+FB", "none")
+
+
+def _of_kind(data: Any, handler: ValidatorFunctionWrapHandler) -> ControllerSpec | CompensatorSpec:
+    """Return the controller of checked or unchecked data; raises the faults of its kind's model alone."""
+    if isinstance(data, ControllerSpec | CompensatorSpec):
+        return data
+    kind, others = entry(data, "kind"), compensator_kinds()
+    if isinstance(kind, str) and kind not in CONTROLLERS:
+        if kind in others:
+            return CompensatorSpec.model_validate(data)
+        *words, last = (*CONTROLLERS, *others)
+        meant = get_close_matches(kind[:80], others, n=1)
+        advice = f"; did you mean {meant[0]}?" if meant else ""
+        told = refusal(f"must be {', '.join(words)} or {last}, got {shown(kind)}{advice}")
+        detail = InitErrorDetails(type=told, loc=("kind",), input=kind)
+        raise ValidationError.from_exception_data(ControllerSpec.__name__, [detail])
+    return ControllerSpec.model_validate(data)
+
+
+AnyController = Annotated[ControllerSpec | CompensatorSpec, WrapValidator(_of_kind)]
 
 
 class IdentificationSpec(Strict):
@@ -303,7 +343,7 @@ class CaseKeys(Strict):
         default="model",
         description="in which scale reports print the building's response; result files hold the model's",
     )
-    controller: ControllerSpec = Field(description="controller of the table")
+    controller: AnyController = Field(description="controller of the table")
     table: AnyRig = Field(description="the rig; default: aps400_virtual")
     method: Literal["best", "paper"] = Field(
         default="best", description="the control: best is ours, paper that of the paper as printed"
@@ -386,6 +426,7 @@ class CaseKeys(Strict):
             for loc, message in same_length(damping, "dashpots_n_s_per_m", storeys, "numerical storey"):
                 yield ("damping", *loc), message
         yield from _limit_problems(data)
+        yield from _compensator_problems(data)
         yield from _rig_problems(data)
         yield from _nyquist_problems(data)
         yield from _accept_problems(data)
@@ -435,6 +476,13 @@ def _limit_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
         limit = default if rig is None else rig
         if own is not None and limit is not None and own > limit:
             yield ("limits", key), f"must be <= the rig's {limit:g}, got {own:g}; {STRICTER}"
+
+
+def _compensator_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield a fault for a compensator with the control of the paper, which has its own two controllers."""
+    kind = entry(data, "controller", "kind")
+    if data.get("method") == "paper" and isinstance(kind, str) and kind in compensator_kinds():
+        yield ("method",), f"paper takes the controllers FF, FF+FB and none, got {kind}; remove method: paper"
 
 
 def _rig_problems(data: Mapping[str, Any]) -> Iterator[Problem]:

@@ -67,7 +67,7 @@ def _allow_names(case: dict[str, Any], definitions: dict[str, Any]) -> None:
     readings: dict[str, list[Any]] = {
         "structure": [NAME, _with_extends(definitions["StructureSpec"], definitions)],
         "table": [NAME, _any_rig(definitions)],
-        "controller": [kinds, properties["controller"]],
+        "controller": [kinds, NAME, *properties["controller"]["anyOf"]],
     }
     for key in ("damping", "record", "reference"):
         _allow_name(properties, key)

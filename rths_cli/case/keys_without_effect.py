@@ -49,12 +49,12 @@ USES = {
     **{".".join(("controller", key)): FEEDBACK for key in OF_FEEDBACK},
     ".".join(("controller", "reaction_feedforward")): Use(
         TABLE_RUNS,
-        lambda case: case.method == "best" and case.controller.kind != "none",
+        lambda case: case.method == "best" and case.controller.inverts,
         "a feedforward of method best reads it",
     ),
     ".".join(("controller", "friction_compensation")): Use(
         TABLE_RUNS,
-        lambda case: case.method == "best" and case.controller.kind != "none",
+        lambda case: case.method == "best" and case.controller.inverts,
         "a feedforward of method best reads it",
     ),
 }

@@ -1,7 +1,7 @@
-"""What an installed package offers to a case: rigs and laws through entry points, and their names.
+"""What an installed package offers to a case: rigs, laws and compensators through entry points, and their names.
 
-The module that an entry point of `rths.rigs` or `rths.laws` names states `RTHS_INTERFACE`, a whole number. Version 1 of
-rigs is that of rths 0.1, whose packages state none; version 2 renamed the fields of `Channel`.
+The module that an entry point of `rths.rigs`, `rths.laws` or `rths.compensators` names states `RTHS_INTERFACE`, a whole
+number. Version 1 of rigs is that of rths 0.1, whose packages state none; version 2 renamed the fields of `Channel`.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from importlib.metadata import EntryPoint, entry_points
 from rths_cli.errors import InputError
 
 STATED = "RTHS_INTERFACE"
-RIGS, LAWS = "rths.rigs", "rths.laws"
-INTERFACE = {RIGS: 2, LAWS: 1}
+RIGS, LAWS, COMPENSATORS = "rths.rigs", "rths.laws", "rths.compensators"
+INTERFACE = {RIGS: 2, LAWS: 1, COMPENSATORS: 1}
 """The version of the interface of each group of entry points; those from 1 on are taken."""
 ENDS = "0.3"  # version of rths without the old names
 RENAMED = {

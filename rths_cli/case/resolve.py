@@ -218,6 +218,8 @@ def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:
     for key in ("record", "controller"):
         if key in children:
             children[key] = _long_form(children[key], SHORT_FORMS[key])
+    if "controller" in children:
+        children["controller"] = _with_law_file(children["controller"], "controller", faults)
     _expand_damping(children, faults, lost)
     expand_filter_choice(children)
     expand_test_band(children, faults, lost)

@@ -1,6 +1,10 @@
-"""The case file that `rths new` writes."""
+"""The case file, and the compensator with its test, that `rths new` writes."""
 
 from __future__ import annotations
+
+from pathlib import Path
+
+from rths_cli.errors import InputError
 
 CASE_TEMPLATE = """\
 # A hybrid simulation: five keys name the experiment, everything below them has a default.
@@ -11,7 +15,7 @@ structure: three_storey        # shear building, cut into numerical and experime
 damping: low                   # a level the structure defines, or {first_mode_ratio: 0.026}
 record: el_centro              # or {file: my_record.csv, unit: g, dt_s: 0.01}
 scaling: 0.30                  # factor on the record
-controller: FF+FB              # FF, FF+FB or none (the table as delivered)
+controller: FF+FB              # FF, FF+FB, none (the table as delivered) or a compensator
 
 # Remove the "# " in front of a line to change a default.
 
@@ -44,3 +48,73 @@ controller: FF+FB              # FF, FF+FB or none (the table as delivered)
 def case_template() -> str:
     """Return the text of a commented case file that loads as it is."""
     return CASE_TEMPLATE
+
+
+COMPENSATOR_TEMPLATE = """\
+\"\"\"A compensator of your own. In a case: controller: {{kind: own, file: {name}.py, delay_s: 0.01}}
+
+This one takes the table for a first-order lag of delay_s and inverts it:
+
+    command = (d[k] + delay_s / dt (d[k] - d[k-1])) / gain,  d: desired displacement.
+
+rths plugin test {name}.py tries it; docs/howto/own_controller.md tells what holds for every compensator.
+\"\"\"
+
+SOURCE = "paper or equation that it is from"
+
+# Numbers that a case may state beside kind and file: default, least, most, what it is.
+# A default of None leaves the number to design.
+OPTIONS = {{"delay_s": (None, 0.0, 0.1, "delay of the table in s; default: its lag as identified")}}
+
+STATES = 1  # how many numbers it remembers; they are zero at rest
+
+
+def design(plant, options):
+    \"\"\"Return the numbers of the law. Runs once per test, and may use numpy, scipy and files.
+
+    plant: dt_s, gain_m_per_v (of the table, slow), lag_s (of the table, in the compared band), model (zeros, poles,
+    gain, delay_s, response(frequency_hz) in m/s^2 per V), specimen (masses_kg, K, C), lead_samples.
+    \"\"\"
+    delay_s = plant.lag_s if options["delay_s"] is None else options["delay_s"]
+    return [1.0 / plant.gain_m_per_v, delay_s / plant.dt_s]
+
+
+def command(parameters, state, next_state, desired, measured, sent):
+    \"\"\"Return the command in V of this sample, and write all of next_state. Runs in every sample.
+
+    desired: acceleration (m/s^2), velocity (m/s), displacement (m) of the interface. measured: accelerations of table
+    and floors in m/s^2. sent: the command of the last sample in V, behind all limits.
+    \"\"\"
+    per_metre, samples = parameters
+    displacement = desired[2]
+    next_state[0] = displacement
+    return per_metre * (displacement + samples * (displacement - state[0]))
+"""
+
+COMPENSATOR_TEST = """\
+\"\"\"The compensator {name} against what it must do; run it with: python -m pytest test_{name}.py\"\"\"
+
+import {name}
+
+
+def test_a_ramp_is_led_by_the_delay():
+    per_metre, samples, slope = 125.0, 20.0, 1e-4  # 20 samples of delay
+    state, following = [0.0], [0.0]
+    for k in range(10):
+        command = {name}.command((per_metre, samples), state, following, (0.0, 0.2, slope * k), (0.0,), 0.0)
+        state = list(following)
+    assert abs(command - per_metre * slope * (9 + samples)) < 1e-9
+"""
+
+
+def compensator_files(path: Path) -> dict[Path, str]:
+    """Return the texts of a commented compensator that is valid as it is, and of its test beside it, by their files.
+
+    Raises InputError for a name that is no module's.
+    """
+    if path.suffix != ".py" or not path.stem.isidentifier():
+        raise InputError(f"{path}: must be the name of a Python module, such as my_compensator.py")
+    test = path.with_name(f"test_{path.name}")
+    if path.exists() or test.exists():
+        raise InputError(f"{path if path.exists() else test}: exists already; name another file")
+    return {path: COMPENSATOR_TEMPLATE.format(name=path.stem), test: COMPENSATOR_TEST.format(name=path.stem)}

@@ -77,18 +77,32 @@ def _wrapped(line: str, indent: int) -> str:
 
 
 @cli.command()
-@click.argument("path", type=FILE, metavar="FILE")
+@click.argument("paths", type=FILE, nargs=-1, required=True, metavar="[compensator] FILE")
 @json_option
-def new(path: Path, as_json: bool) -> int:
+def new(paths: tuple[Path, ...], as_json: bool) -> int:
     """Write a commented case file to start from; an existing file is left alone.
+
+    With `compensator` before it, FILE becomes a compensator of your own in Python, with a test beside it.
 
     Example: rths new my_case.yaml
     """
-    from rths_cli.case.template import case_template
+    from rths_cli.case.template import case_template, compensator_files
+    from rths_cli.errors import InputError
     from rths_cli.files.durable_files import write_new
 
-    write_new(path, case_template())
-    click.echo(json.dumps({"written": str(path)}) if as_json else f"wrote {path}; try: rths run {path}")
+    asked, path = str(paths[0]) == "compensator", paths[-1]
+    if len(paths) != 1 + asked:
+        wanted = "rths new compensator FILE.py" if asked else "rths new FILE, or rths new compensator FILE.py"
+        raise InputError(f"give one file: {wanted}")
+    if not asked:
+        write_new(path, case_template())
+        click.echo(json.dumps({"written": str(path)}) if as_json else f"wrote {path}; try: rths run {path}")
+        return 0
+    texts = compensator_files(path)
+    for one, content in texts.items():
+        write_new(one, content)
+    told = f"wrote {' and '.join(map(str, texts))}; try: rths plugin test {path}"
+    click.echo(json.dumps({"written": [str(one) for one in texts]}) if as_json else told)
     return 0
 
 

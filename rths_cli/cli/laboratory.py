@@ -197,13 +197,14 @@ def _of_channels(
 
 @cli.command()
 @click.argument("action", type=click.Choice(["test"]), metavar="test")
-@click.argument("package", metavar="PACKAGE")
+@click.argument("package", metavar="PACKAGE|FILE")
 @click.option("--rig", metavar="FILE", help="Rig file whose channels, limits and options are tried [default: made up].")
 @json_option
 def plugin(action: str, package: str, rig: str | None, as_json: bool) -> int:
-    """Hold the rigs and laws of an installed package to the contract of every rig.
+    """Hold what an installed package brings, or a compensator in a Python file, to its contract.
 
-    PACKAGE is its name, or the kind of a rig that it brings. Each rig is opened, armed and moved to its limits; one
+    PACKAGE is its name, or the kind of a rig that it brings; FILE is a compensator of your own, whose code is run. Each
+    rig is opened, armed and moved to its limits; one
     that states hardware behind it is refused. Exit code 1: the contract is broken.
 
     Example: rths plugin test rths-slow-table

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rths_cli.control.compensator import CompiledLaw
 from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.control.interface import Interface, Logged, PartDesign
 from rths_cli.control.python_parts import PythonPart
@@ -182,6 +183,11 @@ class Blocks:
     def in_python(self) -> tuple[PythonPart[Any], ...]:
         """Return the designs of the parts that are Python objects."""
         return tuple(one for one in (self.numerical, self.feedforward, self.feedback) if isinstance(one, PythonPart))
+
+    @property
+    def runs_own_code(self) -> bool:
+        """Return whether a part runs code that rths does not know, in Python or compiled."""
+        return bool(self.in_python) or isinstance(self.feedforward, CompiledLaw)
 
     def fault(self) -> str:
         """Return what a part that is a Python object raised in the last run, "" if none did."""

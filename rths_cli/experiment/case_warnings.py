@@ -53,6 +53,8 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
         found.append(Finding("assumption.laws"))
     if design is not None:
         found += range_assumption(setup.case, design.blocks.counters_reaction)
+    if design is not None and getattr(design.blocks.feedforward, "declares", False):
+        found.append(Finding("assumption.compensator", {"name": design.blocks.feedforward.name}))
     if "numerical" in setup.parts:
         found.append(_of_own_storeys(setup))
     if design is not None:

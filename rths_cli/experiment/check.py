@@ -709,7 +709,7 @@ def _simulated(
 ) -> Simulated:  # fmt: skip
     """Return the simulated test; with `shared`, equal tests of several cases are simulated once."""
     sim = _sim_with_laws(setup, building, shared)
-    if setup.parts:  # another part of the caller's may have the same linear block
+    if setup.parts or design.blocks.runs_own_code:  # another part of the caller's may have the same linear block
         shared = SharedValues()
     asked = content_key(
         building,

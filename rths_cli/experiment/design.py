@@ -28,31 +28,35 @@ from rths_cli.control import (
     reaction,
     sensor_correction,
 )
+from rths_cli.control.block_files import placed_block
+from rths_cli.control.compensator import Plant
 from rths_cli.control.continued_table import ContinuedTable, continued_table
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.feedback import DEFAULT, Feedback, Weights, none
 from rths_cli.control.interface import Interface, force_of_one
 from rths_cli.control.numerical_substructure import INPUTS, INTERFACE, all_storeys
+from rths_cli.control.python_control import from_control
 from rths_cli.control.reaction import compliance
 from rths_cli.control.state_space import static
 from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.errors import InputError
-from rths_cli.experiment.setup import NUMERICAL, made
+from rths_cli.experiment.setup import NUMERICAL, made, placed
 from rths_cli.findings import Finding
 from rths_cli.identification.inputs import PAPER_BAND_HZ
 from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.numerics.content_key import content_key
+from rths_cli.numerics.lti import Block
 from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
     from rths_cli.analysis.identified_rig_block import IdentifiedRig
     from rths_cli.case.case_schema import Case, KalmanSpec
-    from rths_cli.control.interface import InterfaceForce
+    from rths_cli.control.interface import InterfaceForce, PartDesign
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification, LevelBand
     from rths_cli.numerics.bands import ComparedBand
-    from rths_cli.numerics.lti import Block, Model
+    from rths_cli.numerics.lti import Model
     from rths_cli.rigs.description import RigInfo
     from rths_cli.structure import Specimen
 
@@ -335,14 +339,14 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
     case, dt, shared = setup.case, setup.rig.dt_s, shared or SharedValues()
     best = case.method == "best"
     model = identified.best if best else identified.paper
-    driven = case.controller.kind != "none"
-    lead = feedforward.lead_samples(model, dt) if best and driven else 0
+    lead = feedforward.lead_samples(model, dt) if best and case.controller.inverts else 0
+    lead = lead if setup.compensator is None else setup.compensator.lead_samples
     shear = _shear(setup, identified, lead)
     blocks = Blocks(
         correction=sensor_correction.correction(setup.rig.channels, dt, setup.removes_sensors),
         estimator=_estimator(setup, _specimen(identified), lead),
         numerical=computed_storeys(setup.building, dt, case.integration),
-        feedforward=_inverse(setup, model, lead),
+        feedforward=_feedforward(setup, identified, model, lead),
         feedback=feedback.none(dt),
         interface=Interface(shear),
         shaping_step_v=setup.rig.converters.step_v if best else 0.0,
@@ -392,7 +396,7 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
 
 def is_driven(case: Case) -> bool:
     """Tell whether a case has the feedforward of method best, which may counter reaction and friction."""
-    return case.method == "best" and case.controller.kind != "none"
+    return case.method == "best" and case.controller.inverts
 
 
 def _exchanged(blocks: Blocks, setup: Setup) -> Blocks:
@@ -409,10 +413,27 @@ def _exchanged(blocks: Blocks, setup: Setup) -> Blocks:
             "the key"
         )
     own: dict[str, Any] = {
-        place: made(place, make, getattr(blocks, place)) for place, make in setup.parts.items() if place != NUMERICAL
+        place: made(place, _without_control(place, make, setup), getattr(blocks, place))
+        for place, make in setup.parts.items()
+        if place != NUMERICAL
     }
     own |= {NUMERICAL: setup.own_numerical} if setup.own_numerical is not None else {}
     return replace(blocks, **own)
+
+
+def _without_control(place: str, make: Callable[[Any], Any], setup: Setup) -> Callable[[Any], Any]:
+    """Return what makes the caller's part, as our block where it is a system of python-control for the feedforward."""
+
+    def converted(designed: Any) -> Any:
+        part = make(designed)
+        if place != "feedforward" or type(part).__module__.partition(".")[0] != "control":
+            return part
+        found = from_control(part)
+        if not isinstance(found, Block):
+            raise InputError("parts: a compensator must be discrete; give the system its dt in s")
+        return placed_block("parts", found, setup.rig.dt_s, len(setup.rig.channels))
+
+    return converted
 
 
 def _specimen(identified: Identification) -> Specimen:
@@ -451,8 +472,16 @@ def _with_reaction(blocks: Blocks, setup: Setup, identified: Identification, mod
     return replace(blocks, feedforward=both, counters_reaction=True)
 
 
-def _inverse(setup: Setup, model: Model, lead: int) -> Block:
+def _feedforward(setup: Setup, identified: Identification, model: Model, lead: int) -> PartDesign:
+    """Return what makes the command from the desired motion: the case's compensator, or the inverse of the table."""
     case, dt_s = setup.case, setup.rig.dt_s
+    if setup.compensator is not None:
+        specimen, channels = _specimen(identified), len(setup.rig.channels)
+        plant = Plant(model, specimen, dt_s, setup.compared.hz, lead, channels)
+        try:
+            return setup.compensator.designed(plant)
+        except InputError as error:
+            raise InputError(*(placed(case, fault) for fault in error.faults)) from error
     if case.controller.kind == "none":
         return feedforward.direct(model.low_frequency_gain_m_per_v, dt_s)
     if case.method == "paper":

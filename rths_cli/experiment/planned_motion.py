@@ -83,8 +83,9 @@ def planned_motion(
     """
     demand, blocks = _demand(setup, drive, source), design.blocks
     if demand is not None:
-        demand = replace(demand, own_parts=bool(setup.parts), listens=bool(setup.parts) or _listens(blocks, source))
-    if setup.parts:
+        own = bool(setup.parts) or blocks.runs_own_code
+        demand = replace(demand, own_parts=own, listens=own or _listens(blocks, source))
+    if setup.parts or blocks.runs_own_code:
         return demand
     setup = setup.calibrated(identified)
     rig, _ = loop_parts(setup, identified)
@@ -193,8 +194,9 @@ def farthest(limits: GuardLimits) -> float:
 
 def _listens(blocks: Blocks, source: int) -> bool:
     """Return whether the samples take part in the command of a run."""
-    feedback = blocks.linear_parts()[2]
-    return source == NUMERICAL or blocks.counters_reaction or bool(np.any(feedback.C) or np.any(feedback.D))
+    _, forward, feedback = blocks.linear_parts()
+    hears = bool(np.any(forward.B[:, 3:]) or np.any(forward.D[:, 3:]))
+    return source == NUMERICAL or hears or bool(np.any(feedback.C) or np.any(feedback.D))
 
 
 def _demand(setup: Setup, drive: Array, source: int) -> PlannedMotion | None:

@@ -14,7 +14,9 @@ import numpy as np
 
 from rths_cli.case.resolve import VARIED
 from rths_cli.case.rig_schema import DEFAULT_ENERGY_RATIO
+from rths_cli.control.compensator import CalledLaw
 from rths_cli.control.designed_blocks import cell_reads
+from rths_cli.control.law_block import STEP_SHARE, seconds_per_call
 from rths_cli.errors import InputError
 from rths_cli.experiment.session import wants_session_record
 from rths_cli.experiment.setup import Setup, placed
@@ -179,21 +181,35 @@ def opened(rig: Rig) -> Iterator[None]:
                 rig.close()
 
 
+def _refuse_slow(feedforward: CalledLaw, dt_s: float, channels: int) -> None:
+    """Raise InputError where a compensator in Python takes more than its share of the interval."""
+    seconds = seconds_per_call(feedforward.make().command, channels)
+    if seconds > STEP_SHARE * dt_s:
+        raise InputError(
+            f"controller: {feedforward.name} takes {1e6 * seconds:.3g} us per step in Python, at most "
+            f"{1e6 * STEP_SHARE * dt_s:.3g} us at {1.0 / dt_s:g} Hz ({STEP_SHARE:g} of the interval); let numba "
+            "compile it (rths plugin test says what is in the way), or lower sample_rate_hz"
+        )
+
+
 def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
     """Compute the steps of a run in real time without a rig; raises InputError if the machine does not hold the rate.
 
     Both the start of the steps and the end of their computation must be punctual, within a fraction of an interval.
     """
     info = setup.rig
+    key = "controller" if isinstance(blocks.feedforward, CalledLaw) else "parts"
     if blocks.in_python and info.watchdog_s <= 0.0:
         raise InputError(
-            f"parts: {blocks.in_python[0].name} is a Python object, which may hang, and rig {info.name} has no "
+            f"{key}: {blocks.in_python[0].name} is a Python object, which may hang, and rig {info.name} has no "
             "watchdog (watchdog_s: 0) that would lead its table to rest then; use a rig with one, or a compiled part"
         )
+    if isinstance(blocks.feedforward, CalledLaw):
+        _refuse_slow(blocks.feedforward, setup.rig.dt_s, len(blocks.correction.C))
     run = prepare(info, blocks, source, np.zeros((round(REHEARSAL_S / info.dt_s), 3)), guard_limits(setup))
     late_s, took_s = rehearse_watched(run, REHEARSAL_S)
     if blocks.fault():
-        raise InputError(f"parts: in the rehearsal, {blocks.fault()}")
+        raise InputError(f"{key}: in the rehearsal, {blocks.fault()}")
     for what, after_s, share in (("began", late_s, wake_share(info)), ("were ready", late_s + took_s, P99_SHARE)):
         found = delay_summary(1.0 / info.dt_s, np.round(1e9 * after_s).astype(np.int64), share)
         if not found.held:

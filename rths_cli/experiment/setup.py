@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rths_cli.case.compensator_schema import CompensatorSpec
 from rths_cli.case.shipped_files import is_shipped
 from rths_cli.control.interface import PartDesign
 from rths_cli.control.storeys_with_laws import computed_storeys
@@ -38,6 +39,7 @@ from rths_cli.structure import Building, Similitude, Specimen, build, similitude
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
+    from rths_cli.control.compensator import Compensator
     from rths_cli.control.interface import OwnParts
     from rths_cli.identification.results import Identification
 
@@ -130,6 +132,7 @@ class Setup:
     declared: bool = False  # whether `building` is the one that it declares, and not the case's
     baseline: Finding | None = None  # of the record: what it does and what mends it; None for a clean record
     baseline_share: float = 0.0  # ground displacement that the baseline adds, over that without it
+    compensator: Compensator | None = None  # of a case whose controller is one
 
     def calibrated(self, found: Identification) -> Setup:
         """Return the setup on a rig whose sensors are those that an identification found."""
@@ -202,11 +205,24 @@ def make_setup(
         raise InputError(*(placed(case, fault) for fault in error.faults)) from error
     if faults := skew_faults(case, info):
         raise InputError(*(placed(case, fault) for fault in faults))
+    compensator = _compensator(case)
     setup = Setup(
         case, motion, record_sha256, building, info, masses, overrides, dict(parts or {}), samples, baseline=baseline,
-        baseline_share=share,
+        baseline_share=share, compensator=compensator,
     )  # fmt: skip
     return with_own_storeys(setup)
+
+
+def _compensator(case: Case) -> Compensator | None:
+    """Return the compensator that a case states, loaded; None for FF, FF+FB and none."""
+    if not isinstance(case.controller, CompensatorSpec):
+        return None
+    from rths_cli.control.compensator import compensator_of  # with numba, for which other cases need not wait
+
+    try:
+        return compensator_of(case.controller)
+    except InputError as error:
+        raise InputError(*(placed(case, fault) for fault in error.faults)) from error
 
 
 def ground_motion(case: Case) -> tuple[GroundMotion, str]:

@@ -151,12 +151,9 @@ def value_at(data: Any, key: str) -> Any:
 
 def _default(key: str, case: Case) -> float | None:
     """Return the default of a number, which its schema declares."""
-    first, *rest = key.split(".")
-    model: Any = type(case.table) if first == "table" else CaseKeys
-    names = rest if first == "table" else [first, *rest]
-    for name in names[:-1]:
-        model = type(getattr(case.table, name)) if first == "table" else model.model_fields[name].annotation
-    value = model.model_fields[names[-1]].default if names[-1] in model.model_fields else None
+    above, _, name = key.rpartition(".")
+    fields = getattr(type(value_at(case, above)), "model_fields", {}) if above else CaseKeys.model_fields
+    value = fields[name].default if name in fields else None
     return float(value) if isinstance(value, int | float) else None
 
 

@@ -62,6 +62,10 @@ DESIGN = {
         "the numerical substructure is the caller's own: SIM, SIM-DELAY and errors are those of the building that it "
         "declares[{nonlinear:-}; the storeys below the interface are not known (NaN)]"
     ),
+    "assumption.compensator": notes(
+        "controller: {name} is not linear; the check judges the block that it declares, which holds for small motions "
+        "at most, and not the law itself"
+    ),
     "assumption.laws": notes(
         "structure.numerical.law: the verdicts at rest and at tangents of the laws are indications (a loop that is "
         "stable at every frozen tangent may still diverge); the evidence is the test with the laws, simulated on the "

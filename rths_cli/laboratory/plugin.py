@@ -1,4 +1,5 @@
-"""What `rths plugin test` does: load what a package brings, and hold its rigs to the contract of every rig."""
+"""What `rths plugin test` does: load what a package or a file brings, and hold its rigs and compensators to their
+contracts."""
 
 from __future__ import annotations
 
@@ -6,9 +7,13 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, PackageNotFoundError, distribution, entry_points
+from pathlib import Path
 
-from rths_cli.case.plugin_interface import INTERFACE, LAWS, RIGS, stated_interface
+from rths_cli.case.compensator_schema import OWN
+from rths_cli.case.plugin_interface import COMPENSATORS, INTERFACE, LAWS, RIGS, stated_interface
+from rths_cli.control.compensator import Definition, definition_of
 from rths_cli.errors import InputError, RthsError
+from rths_cli.laboratory.compensator_trial import clauses
 from rths_cli.rigs.contract import Kept, contract, made_info
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.plugin_rigs import open_plugin
@@ -37,6 +42,9 @@ class Tested:
 def try_package(package: str, rig_file: str | None, say: Callable[[str], None]) -> tuple[Tested, ...]:
     """Return what became of each entry point of a package; raises InputError where there is none, or where a rig has
     hardware behind it, which the contract would move."""
+    if package.endswith(".py") or Path(package).is_file():
+        say(package)
+        return (_compensator_file(Path(package)),)
     points = _points(package)
     given = _described(rig_file) if rig_file else None
     if given is not None and not any(point.name == given[0].kind and point.group == RIGS for point in points):
@@ -47,6 +55,8 @@ def try_package(package: str, rig_file: str | None, say: Callable[[str], None]) 
         say(f"{point.name} of {package}")
         if point.group == LAWS:
             found.append(_law(point))
+        elif point.group == COMPENSATORS:
+            found.append(_compensator(point))
         elif given is None or given[0].kind == point.name:
             info, options = given or (made_info(point.name), {})
             found.append(_rig(point, info, options))
@@ -54,7 +64,7 @@ def try_package(package: str, rig_file: str | None, say: Callable[[str], None]) 
 
 
 def _points(package: str) -> tuple[EntryPoint, ...]:
-    """Return the entry points of an installed package, or those of a kind of rig or law of that name."""
+    """Return the entry points of an installed package, or those of a kind of rig, law or compensator of that name."""
     try:
         of_package = tuple(point for point in distribution(package).entry_points if point.group in INTERFACE)
     except (PackageNotFoundError, ValueError):
@@ -64,11 +74,11 @@ def _points(package: str) -> tuple[EntryPoint, ...]:
             return named
         names = ", ".join(sorted({point.name for point in known})) or "none"
         raise InputError(
-            f"{package}: no package of that name is installed, and no rig or law is called so; installed: {names}; "
-            "install it first: pip install FOLDER"
+            f"{package}: no package of that name is installed, and no rig, law or compensator is called so; installed: "
+            f"{names}; install it first: pip install FOLDER"
         ) from None
     if not of_package:
-        raise InputError(f"{package}: names nothing in the entry point groups {' and '.join(INTERFACE)}")
+        raise InputError(f"{package}: names nothing in the entry point groups {', '.join(INTERFACE)}")
     return of_package
 
 
@@ -94,6 +104,29 @@ def _law(point: EntryPoint) -> Tested:
     except InputError as error:
         return Tested(point.name, LAWS, point.value, 0, tuple(Kept(LOADED, fault) for fault in error.faults))
     return Tested(point.name, LAWS, point.value, interface, (Kept(LOADED, ""),))
+
+
+def _compensator_file(path: Path) -> Tested:
+    """Return what became of the compensator in a user's file."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; check the path")
+    return _tried_compensator(path.name, str(path), 0, lambda: definition_of(OWN, path))
+
+
+def _compensator(point: EntryPoint) -> Tested:
+    try:
+        interface = stated_interface(point, f"compensator {point.name}")
+    except InputError as error:
+        return Tested(point.name, COMPENSATORS, point.value, 0, tuple(Kept(LOADED, fault) for fault in error.faults))
+    return _tried_compensator(point.name, point.value, interface, lambda: definition_of(point.name))
+
+
+def _tried_compensator(name: str, value: str, interface: int, load: Callable[[], Definition]) -> Tested:
+    try:
+        definition = load()
+    except InputError as error:
+        return Tested(name, COMPENSATORS, value, interface, tuple(Kept(LOADED, fault) for fault in error.faults))
+    return Tested(name, COMPENSATORS, value, interface, (Kept(LOADED, ""), *clauses(definition)))
 
 
 def _rig(point: EntryPoint, info: RigInfo, options: Mapping[str, object]) -> Tested:

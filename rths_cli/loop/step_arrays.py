@@ -7,12 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rths_cli.control.compensator import CompiledLaw
 from rths_cli.control.designed_blocks import Blocks, with_cell
 from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.control.interface import COMMANDED, Interface, PartDesign
 from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
+from rths_cli.loop.compiled_laws import compiled_command
 from rths_cli.loop.linear_parts import (
     Channels,
     OpenLoop,
@@ -42,6 +44,7 @@ FEEDFORWARD_PARTS: dict[type, Make] = {
     Block: linear_feedforward,
     FrictionFeedforward: compensated_feedforward,
     PythonFeedforward: called_feedforward,
+    CompiledLaw: compiled_command,
 }
 FEEDBACK_PARTS: dict[type, Make] = {Block: linear_feedback}
 """What makes the part of the step from each kind of design in `Blocks`; another kind has a method `compiled_part`."""

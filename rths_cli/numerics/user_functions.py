@@ -22,14 +22,17 @@ from rths_cli.numerics.compiled import calls_of_the_runtime
 
 _NUMBERS = types.CPointer(types.float64)
 _FORCE = types.float64(_NUMBERS, _NUMBERS, _NUMBERS, types.float64, types.float64)
+_COMMAND = types.float64(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, types.float64)
 _COUNTS = {"NRT_incref", "NRT_decref"}
 _ARRAY = types.Array(types.float64, 1, "C")
 
 
 class UserFunction(NamedTuple):
-    """A compiled `force(parameters, state, next_state, drift_m, velocity_m_s)`: `address` is valid as long as `owner`
-    lives, `checked` is the same with every index checked, for calls from Python; `runtime_calls` are those of Python or
-    of numba's runtime, which the loop may not make; counts of references are left out, its arrays have no owner.
+    """A compiled function of a user, such as `force(parameters, state, next_state, drift_m, velocity_m_s)`.
+
+    `address` is valid as long as `owner` lives, `checked` is the same with every index checked, for calls from Python;
+    `runtime_calls` are those of Python or of numba's runtime, which the loop may not make; counts of references are
+    left out, its arrays have no owner.
     """
 
     address: int
@@ -76,6 +79,44 @@ def call_force(
 
     index, real = types.int64, types.float64
     return real(index, numbers, states, index, index, real, real), generate
+
+
+def compile_command(function: Callable[..., Any], parameters: int, states: int, channels: int) -> UserFunction:
+    """Return a user's `command(parameters, state, next_state, desired, measured, sent)` compiled for arrays of these
+    sizes, `desired` (3,) and `measured` (channels,); numba raises what it does not know."""
+    arrays = (_ARRAY, _ARRAY, _ARRAY, _ARRAY, _ARRAY)
+    checked = numba.njit(types.float64(*arrays, types.float64), boundscheck=True,
+                         error_model="numpy", nogil=True)(function)  # fmt: skip
+    inner = numba.njit(error_model="numpy")(function)
+
+    def called(numbers: Any, state: Any, next_state: Any, desired: Any, measured: Any, sent: float) -> Any:
+        given, kept, new = carray(numbers, parameters), carray(state, states), carray(next_state, states)
+        return inner(given, kept, new, carray(desired, 3), carray(measured, channels), sent)
+
+    made = numba.cfunc(_COMMAND, error_model="numpy")(called)
+    calls = calls_of_the_runtime(made.inspect_llvm()) - _COUNTS
+    return UserFunction(made.address, made, checked, frozenset(calls))
+
+
+@intrinsic
+def call_command(
+    typingctx: Any, address: Any, numbers: Any, state: Any, next_state: Any, desired: Any, measured: Any, sent: Any
+) -> Any:
+    """Call a function of `compile_command` by its address; arrays are contiguous, and as long as it was compiled
+    for."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        number = ir.DoubleType()
+        pointer = number.as_pointer()
+        function = ir.FunctionType(number, [pointer] * 5 + [number]).as_pointer()
+        arrays = [
+            context.make_array(kind)(context, builder, value).data
+            for kind, value in zip(signature.args[1:6], arguments[1:6], strict=True)
+        ]
+        return builder.call(builder.inttoptr(arguments[0], function), [*arrays, arguments[6]])
+
+    real = types.float64
+    return real(types.int64, numbers, state, next_state, desired, measured, real), generate
 
 
 class Callback:

@@ -52,7 +52,7 @@ OF_FILE = (
     ),
     AttributeDeclaration("compared_high_hz", "number", "its upper end in Hz", (1e-3, 1e4), present=SINCE_0_2),
     AttributeDeclaration("method", "text", "best or paper"),
-    AttributeDeclaration("controller", "text", "FF, FF+FB or none"),
+    AttributeDeclaration("controller", "text", "FF, FF+FB, none or a kind of compensator"),
     AttributeDeclaration("scaling", "number", "factor on the record", (-1e9, 1e9)),
     AttributeDeclaration("scale_length", "number", "length of the prototype over that of the model", FACTOR, SCALED),
     AttributeDeclaration("scale_acceleration", "number", "the same of accelerations", FACTOR, SCALED),

@@ -13,16 +13,12 @@ docs/howto/own_law.md is the manual.
 
 from __future__ import annotations
 
-import ast
-import hashlib
 import inspect
 import math
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Protocol
@@ -30,8 +26,9 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
-from rths_cli.case.plugin_interface import LAWS, stated_interface
+from rths_cli.case.plugin_interface import LAWS
 from rths_cli.errors import InputError
+from rths_cli.files.user_code import code_of_file, comes_back, installed_module, module_of_text, told, unbounded_work
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.user_functions import UserFunction, compile_force
 from rths_cli.structure.storey_laws import NUMBERS, OWN, OWN_PARAMETERS, OWN_STATES, Law, Tangents
@@ -121,45 +118,19 @@ def own_law(spec: OwnLawSpec) -> Own:
 
 def _of_file(path: Path, sha256: str | None) -> Definition:
     """Return the law of a file; raises InputError where it is no longer the one of the checksum."""
-    try:
-        content = path.read_bytes()
-        text = content.decode()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{FIELD}: {path} cannot be read: {error}") from error
-    if sha256 is not None and hashlib.sha256(content).hexdigest() != sha256:
-        raise InputError(f"{FIELD}: {path} has changed since the case was read; start again")
-    return _definition(str(path), path.name, text)
+    return _definition(str(path), path.name, code_of_file(FIELD, path, sha256))
 
 
 @lru_cache(maxsize=100)
 def _definition(path: str, who: str, text: str) -> Definition:
     """Return the law of a text, run and compiled once."""
-    module = ModuleType("rths_own_law")
-    module.__file__ = path
-    try:
-        exec(compile(text, path, "exec"), vars(module))
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{FIELD}: {who} cannot be loaded: {_told(error)}") from error
-    return _of_module(module, who, text)
+    return _of_module(module_of_text(FIELD, "rths_own_law", path, who, text), who, text)
 
 
 @lru_cache(maxsize=100)
 def installed_law(name: str) -> Definition:
     """Return the law of an entry point; raises InputError as `own_law` does."""
-    found = tuple(entry_points(group=GROUP, name=name))
-    if len(found) != 1:
-        known = ", ".join(sorted({point.name for point in entry_points(group=GROUP)})) or "none"
-        raise InputError(
-            f"{FIELD}: {len(found)} installed packages bring a law {name!r}, it must be one; installed: {known}"
-        )
-    who = f"law {name} ({found[0].value})"
-    try:
-        module = found[0].load()
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{FIELD}: {who} cannot be loaded: {_told(error)}; repair its package") from error
-    if not isinstance(module, ModuleType):
-        raise InputError(f"{FIELD}: {who} must name a module, not {type(module).__name__}")
-    stated_interface(found[0], f"{FIELD}: {who}")
+    module, who = installed_module(FIELD, GROUP, "law", name)
     return _of_module(module, who, inspect.getsource(module))
 
 
@@ -177,13 +148,13 @@ def _of_module(module: ModuleType, who: str, text: str) -> Definition:
         faults.append("has no function force(parameters, state, next_state, drift_m, velocity_m_s)")
     if not callable(tangents):
         faults.append("has no function tangents(parameters) that returns the softest and the stiffest, in N/m")
-    faults += _faults_of_text(text)
+    faults += unbounded_work(text, "a force for every drift", ("tangents",))
     if faults:
         raise InputError(*(f"{FIELD}: {who}: {fault}" for fault in faults))
     try:
         made = compile_force(force, len(names), states)
     except NOT_COMPILED as error:
-        raise InputError(f"{FIELD}: {who}: numba cannot compile force: {_told(error)}") from error
+        raise InputError(f"{FIELD}: {who}: numba cannot compile force: {told(error)}") from error
     if made.runtime_calls:
         called = ", ".join(sorted(made.runtime_calls))
         raise InputError(
@@ -191,21 +162,6 @@ def _of_module(module: ModuleType, who: str, text: str) -> Definition:
             "numbers and with the arrays that it is given only"
         )
     return Definition(who, names, states, made, tangents)
-
-
-def _faults_of_text(text: str) -> Iterator[str]:
-    """Yield what in the functions of a law, but for `tangents`, has no bounded work or raises."""
-    for one in ast.parse(text).body:
-        if not isinstance(one, ast.FunctionDef) or one.name == "tangents":
-            continue
-        for node in ast.walk(one):
-            line = getattr(node, "lineno", 0)
-            if isinstance(node, ast.While):
-                yield f"line {line}: while has no bound of its work; write for ... in range(n), left by break"
-            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == one.name:
-                yield f"line {line}: {one.name} calls itself, which has no bound of its work; write a loop"
-            elif isinstance(node, ast.Raise | ast.Assert):
-                yield f"line {line}: nothing may be raised while a table moves; return a force for every drift"
 
 
 def _values(definition: Definition, stated: Mapping[str, float]) -> tuple[float, ...]:
@@ -234,12 +190,9 @@ def _checked(definition: Definition, values: tuple[float, ...], largest_drift_m:
                 "STATES"
             )
         except Exception as error:
-            faults.append(f"force fails: {_told(error)}")
+            faults.append(f"force fails: {told(error)}")
 
-    trial = threading.Thread(target=tried, daemon=True)  # compiled code holds no lock, and cannot be stopped
-    trial.start()
-    trial.join(LONGEST_TRIAL_S)
-    if trial.is_alive():
+    if not comes_back(tried, LONGEST_TRIAL_S):  # compiled code holds no lock
         faults = [f"force has not come back within {LONGEST_TRIAL_S:g} s; bound its loops"]
     if faults:
         raise InputError(*(f"{FIELD}: {definition.who}: {fault}" for fault in faults))
@@ -252,7 +205,7 @@ def _declared(definition: Definition, values: Array) -> Tangents:
     try:
         numbers = [float(one) for one in np.ravel(definition.tangents(values))]
     except Exception as error:
-        raise InputError(f"{who} failed: {_told(error)}") from error
+        raise InputError(f"{who} failed: {told(error)}") from error
     if len(numbers) not in (2, 4) or not np.isfinite(numbers).all():
         raise InputError(
             f"{who} must return two finite numbers, softest and stiffest in N/m, or two more, the least and the "
@@ -363,9 +316,3 @@ def _time_per_call(definition: Definition, values: Array, largest_m: float) -> f
             call(values, state, new, largest_m * i / TIMED, largest_m)
         means.append((time.perf_counter() - start) / TIMED)
     return min(means)
-
-
-def _told(error: BaseException) -> str:
-    """Return an exception as part of a sentence, on one line."""
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}"[:300] if text else type(error).__name__

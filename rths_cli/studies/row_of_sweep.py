@@ -93,7 +93,7 @@ def read_row(path: Path, number: int, settings: Sequence[str] = ()) -> SweptRow:
     case = load_written(written, shared, placed, last)
     overrides = tuple(str(about.get("overrides", "")).split())
     given = {setting.partition("=")[0] for setting in settings}
-    read = case.method == "best" and case.controller.kind != "none"
+    read = case.method == "best" and case.controller.inverts
     later = tuple(
         f"{key}=false"
         for key in LATER

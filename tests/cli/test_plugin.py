@@ -100,7 +100,7 @@ def test_names_that_nothing_has_are_refused_with_those_that_are_there(rths: Call
     code, _, err = rths("plugin", "test", "nobody")
     assert code == 2 and "nobody: no package of that name is installed" in err and "installed: slow_table" in err
     code, _, err = rths("plugin", "test", "numpy")
-    assert code == 2 and "numpy: names nothing in the entry point groups rths.rigs and rths.laws" in err
+    assert code == 2 and "numpy: names nothing in the entry point groups rths.rigs, rths.laws, rths.compensators" in err
     code, _, err = rths("plugin", "test", "slow_table", "--rig", "aps400_virtual")
     assert code == 2 and "its kind is virtual, which no package brings" in err
 
@@ -109,3 +109,49 @@ def test_a_package_that_cannot_be_loaded_breaks_the_contract(rths: Call, monkeyp
     installed(monkeypatch, None)
     code, out, _ = rths("plugin", "test", "shaker")
     assert code == 1 and "names no function that makes a rig" in " ".join(out.split())
+
+
+LAW = "def command(p, state, next_state, desired, measured, sent):\n    "
+BOUND_UP = f"STATES = 1\n{LAW}next_state[0] = state[0] + desired[2]\n    return min(max(state[0], -9.0), 9.0)\n"
+
+
+def test_a_new_compensator_keeps_the_contract_as_it_is_written(rths: Call, tmp_path: Path) -> None:
+    code, out, _ = rths("new", "compensator", "mine.py")
+    assert code == 0 and out == "wrote mine.py and test_mine.py; try: rths plugin test mine.py\n"
+    code, out, _ = rths("plugin", "test", "mine.py", "--json")
+    (found,) = json.loads(out)["plugins"]
+    assert code == 0 and found["group"] == "rths.compensators" and len(found["clauses"]) == 7
+    tested = {"__name__": "test_mine"}
+    sys.modules.pop("mine", None)
+    sys.path.insert(0, str(tmp_path))
+    try:
+        exec((tmp_path / "test_mine.py").read_text(), tested)
+        tested["test_a_ramp_is_led_by_the_delay"]()  # type: ignore[operator]
+    finally:
+        sys.path.remove(str(tmp_path))
+        sys.modules.pop("mine", None)
+    assert rths("new", "compensator", "mine.py")[0] == 2
+    code, _, err = rths("new", "compensator")
+    assert code == 2 and "give one file: rths new compensator FILE.py" in err
+    code, _, err = rths("new", "compensator", "other.txt")
+    assert code == 2 and "must be the name of a Python module" in err and not (tmp_path / "other.txt").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (f"STATES = 1\n{LAW}next_state[0] = 1.01 * state[0] + desired[2]\n    return state[0]\n", "radius is 1.01"),
+        (BOUND_UP, "behind a motion beyond the range it does not stay wound up: 5 s after"),
+        (f"{LAW}return 1.0\n", "at rest (state and inputs zero) command and next_state must be 0"),
+        (f"import time\n{LAW}time.sleep(3e-4)\n    return float(abs(desired[2]))\n",
+         "us in Python, at most 100 us"),
+        (f"{LAW}return 2 * desired[2] + abs(desired[2])\ndef linear(p, dt_s):\n    return [], [], [], [[0, 0, 2]]\n",
+         "agrees with the code for small motions: they differ by"),
+        ("x = 1\n", "has no function command, no class Compensator"),
+    ],
+)  # fmt: skip
+def test_what_a_compensator_breaks_is_named(rths: Call, tmp_path: Path, text: str, sentence: str) -> None:
+    (tmp_path / "law.py").write_text(text)
+    code, out, _ = rths("plugin", "test", "law.py")
+    shown = " ".join(out.split())
+    assert code == 1 and shown.startswith("verdict law.py breaks the contract: law.py") and sentence in shown

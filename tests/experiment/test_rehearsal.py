@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 from bench import rig_info
 from hybrid import best_like
 
+from rths_cli.control.compensator import CalledLaw
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.python_parts import PythonFeedforward
 from rths_cli.errors import InputError
@@ -93,6 +95,26 @@ def test_a_part_in_python_needs_a_watchdog_and_must_not_fail(monkeypatch: pytest
     part.callbacks.append((failed,))
     with pytest.raises(InputError, match="in the rehearsal, a model failed: ValueError: no licence"):
         rehearsed(monkeypatch, {}, 20e-6, blocks=blocks)
+
+
+def test_a_slow_compensator_in_python_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fifth of the interval of 1 ms is 200 us."""
+
+    def law(seconds: float) -> Blocks:
+        def command(motion: object, measured: object, sent: object) -> np.ndarray:
+            time.sleep(seconds)
+            return np.zeros(1)
+
+        made = CalledLaw("law.py", lambda: SimpleNamespace(command=command))
+        return replace(best_like(rig_info()), feedforward=made)
+
+    rehearsed(monkeypatch, {}, 20e-6, blocks=law(0.0))
+    with pytest.raises(
+        InputError, match=r"controller: law\.py takes .* us per step in Python, at most 200 us at 1000 Hz"
+    ):
+        rehearsed(monkeypatch, {}, 20e-6, blocks=law(3e-4))
+    with pytest.raises(InputError, match=r"controller: law\.py is a Python object, which may hang"):
+        rehearsed(monkeypatch, {}, 20e-6, blocks=law(0.0), watchdog_s=0.0)
 
 
 @entry

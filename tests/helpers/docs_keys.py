@@ -9,11 +9,13 @@ from pydantic import BaseModel, TypeAdapter
 from pydantic_core import PydanticUndefined
 
 from rths_cli.case.case_schema import CaseKeys
+from rths_cli.case.compensator_schema import CompensatorSpec, built_in_compensators
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_schema import NiRigSpec, PluginRigSpec, UdpRigSpec, VirtualRigSpec
 from rths_cli.case.storey_law_schema import KINDS as LAWS
 from rths_cli.case.structure_schema import StructureSpec
 from rths_cli.case.study_schema import DISTRIBUTIONS, FolderAxis, ListAxis, RangeAxis, StudyKeys
+from rths_cli.control.compensator import definition_of
 
 Schema = Mapping[str, Any]
 Row = tuple[str, str, str, str]
@@ -68,10 +70,20 @@ def case_page() -> str:
     """Return the page of case files, with the structure and reference files that a case names."""
     tables = [
         ("The case", _rows(CaseKeys, "", skip=("structure", "table", "reference"))),
+        ("`controller` that is a compensator", [*_rows(CompensatorSpec, "controller."), *_option_rows()]),
         ("`structure`, and a structure file", _rows(StructureSpec, "structure.", skip=("structure.numerical.law",))),
         ("`reference`, and a reference file", _rows(ReferenceSpec, "reference.")),
     ]
     return _page("case", tables)
+
+
+def _option_rows() -> Iterator[Row]:
+    """Yield a row per option of each compensator of rths."""
+    for kind in built_in_compensators():
+        for name, option in definition_of(kind).options.items():
+            default = "" if option.default is None else f"default {option.default:g}"
+            limits = f"number [{option.least:g}, {option.most:g}]"
+            yield f"`controller.{name}` of kind `{kind}`", limits, default, option.what
 
 
 def law_page() -> str:
@@ -157,7 +169,7 @@ def _below(field: Schema, definitions: Schema, path: str, skip: tuple[str, ...])
     """Yield the rows of the models that a field holds."""
     inner = {"items": "[].", "additionalProperties": ".NAME."}
     for part in field.get("anyOf", [field]):
-        if "$ref" in part:
+        if "$ref" in part and not part["$ref"].endswith(f"/{CompensatorSpec.__name__}"):  # a section of its own
             yield from _model_rows(_resolved(part, definitions), definitions, f"{path}.", skip)
         for key, mark in inner.items():
             held = part.get(key)

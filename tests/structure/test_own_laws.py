@@ -12,6 +12,7 @@ import pytest
 import several_laws
 
 from rths_cli.errors import InputError
+from rths_cli.files import user_code
 from rths_cli.structure import own_laws
 from rths_cli.structure.own_laws import Own, own_law
 from rths_cli.structure.storey_laws import Tangents
@@ -55,7 +56,7 @@ def test_a_law_of_a_package_is_found_by_its_name(monkeypatch: pytest.MonkeyPatch
         points = [EntryPoint("several", "several_laws", group), EntryPoint("lost", "no_such_module", group)]
         return [point for point in points if group == "rths.laws" and name in (None, point.name)]
 
-    monkeypatch.setattr(own_laws, "entry_points", installed)
+    monkeypatch.setattr(user_code, "entry_points", installed)
     stated = {"which": 1.0, "a": 1e6, "b": 0.02, "c": 0.0}
 
     def law(name: str) -> Own:

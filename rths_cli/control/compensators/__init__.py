@@ -1,0 +1,1 @@
+"""The compensators of rths: one module each, with the names of `control.compensator`."""

@@ -1,0 +1,90 @@
+"""Code that a case file or an installed package brings: load it, and see what in its text has no bounded work.
+
+Loading runs the code, with the user's rights.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import threading
+from collections.abc import Callable, Collection, Iterator
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+
+from rths_cli.case.plugin_interface import stated_interface
+from rths_cli.errors import InputError
+
+
+def code_of_file(field: str, path: Path, sha256: str | None) -> str:
+    """Return the text of a Python file; raises InputError where it is no longer the one of the checksum."""
+    try:
+        content = path.read_bytes()
+        text = content.decode()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{field}: {path} cannot be read: {error}") from error
+    if sha256 is not None and hashlib.sha256(content).hexdigest() != sha256:
+        raise InputError(f"{field}: {path} has changed since the case was read; start again")
+    return text
+
+
+def module_of_text(field: str, name: str, path: str, who: str, text: str) -> ModuleType:
+    """Return the module that a text makes when it is run; raises InputError where it fails."""
+    module = ModuleType(name)
+    module.__file__ = path
+    try:
+        exec(compile(text, path, "exec"), vars(module))
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{field}: {who} cannot be loaded: {told(error)}") from error
+    return module
+
+
+def installed_module(field: str, group: str, what: str, name: str) -> tuple[ModuleType, str]:
+    """Return the module of an entry point, and what names it in faults; raises InputError where it is none."""
+    found = tuple(entry_points(group=group, name=name))
+    if len(found) != 1:
+        known = ", ".join(sorted({point.name for point in entry_points(group=group)})) or "none"
+        raise InputError(
+            f"{field}: {len(found)} installed packages bring a {what} {name!r}, it must be one; installed: {known}"
+        )
+    who = f"{what} {name} ({found[0].value})"
+    try:
+        module = found[0].load()
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{field}: {who} cannot be loaded: {told(error)}; repair its package") from error
+    if not isinstance(module, ModuleType):
+        raise InputError(f"{field}: {who} must name a module, not {type(module).__name__}")
+    stated_interface(found[0], f"{field}: {who}")
+    return module, who
+
+
+def unbounded_work(text: str, instead: str, left_out: Collection[str] = ()) -> Iterator[str]:
+    """Yield what in the functions of a text, but for those `left_out`, has no bounded work or raises; `instead`: what
+    to return instead of raising."""
+    for one in ast.parse(text).body:
+        if not isinstance(one, ast.FunctionDef) or one.name in left_out:
+            continue
+        for node in ast.walk(one):
+            line = getattr(node, "lineno", 0)
+            if isinstance(node, ast.While):
+                yield f"line {line}: while has no bound of its work; write for ... in range(n), left by break"
+            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == one.name:
+                yield f"line {line}: {one.name} calls itself, which has no bound of its work; write a loop"
+            elif isinstance(node, ast.Raise | ast.Assert):
+                yield f"line {line}: nothing may be raised while a table moves; return {instead}"
+
+
+def comes_back(work: Callable[[], object], seconds: float) -> bool:
+    """Do a work in a thread, and return whether it has come to its end in time; one that has not goes on, because code
+    cannot be stopped."""
+    trial = threading.Thread(target=work, daemon=True)
+    trial.start()
+    trial.join(seconds)
+    return not trial.is_alive()
+
+
+def told(error: BaseException) -> str:
+    """Return an exception as part of a sentence, on one line."""
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}"[:300] if text else type(error).__name__

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rths_cli.analysis.intensity import integrate, spectrum
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import Accelerogram
 from rths_cli.findings import Finding
-from rths_cli.numerics.lti import Array, driven_modes
+from rths_cli.numerics.lti import Array
 from rths_cli.structure import Similitude
 
 CORNER_HZ = 0.25  # of the usual high pass of a record
@@ -123,14 +124,6 @@ def _high_pass(accel: Array, sample_rate_hz: float, corner_hz: float, order: int
     return np.asarray(sosfilt(butter(order, corner_hz, "high", fs=sample_rate_hz, output="sos"), accel))
 
 
-def integrate(accel_m_s2: Array, dt_s: float) -> tuple[Array, Array]:
-    """Return velocity in m/s and displacement in m, each (n,), of a piecewise-linear acceleration (n,) from rest."""
-    before, after = accel_m_s2[:-1], accel_m_s2[1:]
-    velocity = np.concatenate([[0.0], np.cumsum(0.5 * dt_s * (before + after))])
-    steps = dt_s * velocity[:-1] + dt_s**2 * (2.0 * before + after) / 6.0
-    return velocity, np.concatenate([[0.0], np.cumsum(steps)])
-
-
 def peaks(motion: GroundMotion) -> Peaks:
     """Return the peak ground acceleration, velocity and displacement."""
     return Peaks(
@@ -141,40 +134,8 @@ def peaks(motion: GroundMotion) -> Peaks:
 
 
 def response_spectrum(motion: GroundMotion, periods_s: Sequence[float] | Array, damping_ratio: float = 0.05) -> Array:
-    """Return the pseudo-acceleration spectrum w^2 max|u| in m/s^2, (n_periods,), over the record's samples.
-
-    u is the relative displacement of d2u + 2 zeta w du + w^2 u = -a, w = 2 pi / period, solved exactly for the
-    piecewise-linear acceleration (Nigam and Jennings 1969) as one complex mode. Raises InputError for periods that are
-    not positive and a damping ratio outside 0 to 1 (1 excluded).
-    """
-    periods = np.asarray(periods_s, dtype=float)
-    if not np.all((periods > 0.0) & np.isfinite(periods)):
-        raise InputError("periods_s: every period must be a positive number of seconds")
-    if not 0.0 <= damping_ratio < 1.0:
-        raise InputError(f"damping_ratio: {damping_ratio:g} must be at least 0 and below 1")
-    omega = 2.0 * np.pi / periods
-    return omega**2 * np.array([_peak_displacement(motion, w, damping_ratio) for w in omega])
-
-
-def _peak_displacement(motion: GroundMotion, omega: float, damping_ratio: float) -> float:
-    """Return max|u| in m of one oscillator with u = -Im(z) / w_d, dz = s z + a, s = -zeta w + i w_d."""
-    damped = omega * np.sqrt(1.0 - damping_ratio**2)
-    x = complex(-damping_ratio * omega, damped) * motion.dt_s
-    first, second = _exponential_integrals(x)
-    now, before = motion.dt_s * second, motion.dt_s * (first - second)
-    _, imaginary = driven_modes(np.exp(x), now, before, motion.accel_m_s2)
-    return float(np.abs(imaginary).max() / damped)
-
-
-def _exponential_integrals(x: complex) -> tuple[complex, complex]:
-    """Return (e^x - 1) / x and (e^x - 1 - x) / x^2, from their series for small |x|."""
-    if abs(x) > 0.5:
-        first = (np.exp(x) - 1.0) / x
-        return first, (first - 1.0) / x
-    second, term = 0j, 0.5 + 0j
-    for k in range(3, 20):
-        second, term = second + term, term * x / k
-    return 1.0 + x * second, second
+    """Return the pseudo-acceleration spectrum of a motion in m/s^2, (n_periods,); raises InputError as `spectrum`."""
+    return spectrum(motion.accel_m_s2, motion.dt_s, periods_s, damping_ratio).sa_m_s2
 
 
 @dataclass(frozen=True)

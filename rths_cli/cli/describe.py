@@ -110,8 +110,8 @@ def new(path: Path, as_json: bool) -> int:
 )
 @click.option(
     "--baseline",
-    type=click.Choice(["mean", "linear", "none"]),
-    help="Show the record without its mean or its straight line, as a case with this key takes it.",
+    type=click.Choice(["mean", "linear", "polynomial", "step", "none"]),
+    help="Show the record without its mean, line, parabola or step at an end, as a case with this key takes it.",
 )
 @json_option
 def records(

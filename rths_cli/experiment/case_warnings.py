@@ -66,7 +66,7 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
 def baseline_note(setup: Setup) -> tuple[Finding, ...]:
     """Return the finding on the baseline of the record, with file and line, () for a clean record and for one whose
     baseline the case keeps in so many words."""
-    if setup.baseline is None or setup.case.record.baseline == "none":
+    if setup.baseline is None or setup.case.record.keeps_baseline:
         return ()
     return (setup.baseline.at("at.place", place=place_of(setup.case, "record")),)
 

@@ -22,8 +22,8 @@ from rths_cli.experiment.ground_motion import (
     prepare,
     start_fault,
     told_of,
-    without_baseline,
 )
+from rths_cli.experiment.record_treatment import treated
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
 from rths_cli.findings import Finding
 from rths_cli.identification.sensor_calibration import calibrated
@@ -130,6 +130,7 @@ class Setup:
     declared: bool = False  # whether `building` is the one that it declares, and not the case's
     baseline: Finding | None = None  # of the record: what it does and what mends it; None for a clean record
     baseline_share: float = 0.0  # ground displacement that the baseline adds, over that without it
+    record_treatment: tuple[str, ...] = ()  # what was done to the record before it was scaled, in its order
 
     def calibrated(self, found: Identification) -> Setup:
         """Return the setup on a rig whose sensors are those that an identification found."""
@@ -185,10 +186,10 @@ def make_setup(
     if faults:
         raise InputError(*(placed(case, fault) for fault in faults))
     shared = shared or SharedValues()
-    motion, record_sha256, baseline, share, begins = shared.get(
+    motion, record_sha256, baseline, share, begins, done = shared.get(
         "motion", motion_key(case), lambda: interruptible(lambda: _judged_motion(case))
     )
-    if begins and case.record.baseline != "none":
+    if begins and not case.record.keeps_baseline:
         raise InputError(placed(case, begins))
     building = shared.get(
         "building", building_key(case), lambda: interruptible(lambda: build(case.structure, case.damping))
@@ -204,34 +205,34 @@ def make_setup(
         raise InputError(*(placed(case, fault) for fault in faults))
     setup = Setup(
         case, motion, record_sha256, building, info, masses, overrides, dict(parts or {}), samples, baseline=baseline,
-        baseline_share=share,
+        baseline_share=share, record_treatment=done,
     )  # fmt: skip
     return with_own_storeys(setup)
 
 
 def ground_motion(case: Case) -> tuple[GroundMotion, str]:
     """Return the scaled, filtered record of a case and the hash of its file; raises InputError."""
-    record = _record(case)
+    record, _ = _record(case)
     return _prepared(case, record), record.sha256
 
 
-def _judged_motion(case: Case) -> tuple[GroundMotion, str, Finding | None, float, str]:
+def _judged_motion(case: Case) -> tuple[GroundMotion, str, Finding | None, float, str, tuple[str, ...]]:
     """Return what `ground_motion` does, a finding on the record's baseline, None without one, with its share of the
-    displacement, and a sentence on a motion that begins with a step."""
-    record = _record(case)
+    displacement, a sentence on a motion that begins with a step, and what was done to the record."""
+    record, done = _record(case)
     motion = _prepared(case, record)
     found = baseline_of(record, lambda accel: _prepared(case, replace(record, accel_m_s2=accel)).displacement_m)
     named = case.record
     told = told_of(found, named.name, case.record_filter.corner_hz, named.path.name) if found else None
     share = found.added_m / max(found.own_m, np.finfo(float).tiny) if found else 0.0
-    return motion, record.sha256, told, share, start_fault(motion, record, found, told)
+    return motion, record.sha256, told, share, start_fault(motion, record, found, told), done
 
 
-def _record(case: Case) -> Accelerogram:
-    """Return the record of a case, its baseline removed as the case says, compressed by its scale."""
-    record = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
-    record = without_baseline(record, case.record.baseline)
-    return record if case.scale is None else compressed(record, similitude_of(case.scale))
+def _record(case: Case) -> tuple[Accelerogram, tuple[str, ...]]:
+    """Return the record of a case, treated as the case says and compressed by its scale, and what was done to it."""
+    asked = case.record
+    record, done = treated(read_accelerogram(asked.path, asked.unit, asked.dt_s, asked.component), asked)
+    return record if case.scale is None else compressed(record, similitude_of(case.scale)), done
 
 
 def _prepared(case: Case, record: Accelerogram) -> GroundMotion:

@@ -23,6 +23,7 @@ from rths_cli.experiment.ground_motion import (
     start_fault,
     told_of,
 )
+from rths_cli.experiment.record_defects import defects
 from rths_cli.experiment.record_treatment import treated
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
 from rths_cli.findings import Finding
@@ -131,6 +132,7 @@ class Setup:
     baseline: Finding | None = None  # of the record: what it does and what mends it; None for a clean record
     baseline_share: float = 0.0  # ground displacement that the baseline adds, over that without it
     record_treatment: tuple[str, ...] = ()  # what was done to the record before it was scaled, in its order
+    record_defects: tuple[Finding, ...] = ()  # of the record as it is played
 
     def calibrated(self, found: Identification) -> Setup:
         """Return the setup on a rig whose sensors are those that an identification found."""
@@ -186,7 +188,7 @@ def make_setup(
     if faults:
         raise InputError(*(placed(case, fault) for fault in faults))
     shared = shared or SharedValues()
-    motion, record_sha256, baseline, share, begins, done = shared.get(
+    motion, record_sha256, baseline, share, begins, done, wrong = shared.get(
         "motion", motion_key(case), lambda: interruptible(lambda: _judged_motion(case))
     )
     if begins and not case.record.keeps_baseline:
@@ -205,7 +207,7 @@ def make_setup(
         raise InputError(*(placed(case, fault) for fault in faults))
     setup = Setup(
         case, motion, record_sha256, building, info, masses, overrides, dict(parts or {}), samples, baseline=baseline,
-        baseline_share=share, record_treatment=done,
+        baseline_share=share, record_treatment=done, record_defects=wrong,
     )  # fmt: skip
     return with_own_storeys(setup)
 
@@ -216,16 +218,26 @@ def ground_motion(case: Case) -> tuple[GroundMotion, str]:
     return _prepared(case, record), record.sha256
 
 
-def _judged_motion(case: Case) -> tuple[GroundMotion, str, Finding | None, float, str, tuple[str, ...]]:
+def _judged_motion(
+    case: Case,
+) -> tuple[GroundMotion, str, Finding | None, float, str, tuple[str, ...], tuple[Finding, ...]]:
     """Return what `ground_motion` does, a finding on the record's baseline, None without one, with its share of the
-    displacement, a sentence on a motion that begins with a step, and what was done to the record."""
+    displacement, a sentence on a motion that begins with a step, what was done to the record, and its defects."""
     record, done = _record(case)
     motion = _prepared(case, record)
     found = baseline_of(record, lambda accel: _prepared(case, replace(record, accel_m_s2=accel)).displacement_m)
     named = case.record
     told = told_of(found, named.name, case.record_filter.corner_hz, named.path.name) if found else None
     share = found.added_m / max(found.own_m, np.finfo(float).tiny) if found else 0.0
-    return motion, record.sha256, told, share, start_fault(motion, record, found, told), done
+    return (
+        motion,
+        record.sha256,
+        told,
+        share,
+        start_fault(motion, record, found, told),
+        done,
+        defects(record, named.name),
+    )
 
 
 def _record(case: Case) -> tuple[Accelerogram, tuple[str, ...]]:

@@ -28,6 +28,7 @@ from rths_cli.experiment.ground_motion import (
     told_of,
     without_baseline,
 )
+from rths_cli.experiment.record_defects import defects
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram, read_components
 from rths_cli.numerics.lti import Array
 from rths_cli.structure import similitude_of
@@ -183,7 +184,7 @@ def _examined(path: Path, accelerogram: Accelerogram, scale: ScaleSpec | None, b
     facts |= {"baseline_removed": baseline or "none", "baseline_doubt": _doubt(path, accelerogram)}
     facts |= {"file": str(path), "format": accelerogram.format, "unit": accelerogram.unit_read}
     facts |= {"station": accelerogram.station, "component": accelerogram.component}
-    facts |= {"corrected": accelerogram.corrected, "measures": asdict(found)}
+    facts |= {"corrected": accelerogram.corrected, "measures": asdict(found), "defects": _defects(path, accelerogram)}
     return facts | ({"scale_factors": similitude.factors} if similitude is not None else {})
 
 
@@ -212,6 +213,7 @@ def _page(facts: dict[str, Any], width: int) -> str:
             *(rounded(facts[f"{name}_m_s2"]) for name in ("mean", "drift", "first"))
         ),
         *said("doubt", doubt),
+        *(line for defect in facts["defects"] for line in said("doubt", defect)),
         "  response spectrum, 5 % damping (pseudo-acceleration)",
     ]
     fit = max((width - 15) // 8, 1)
@@ -236,6 +238,10 @@ def _doubt(path: Path, record: Accelerogram) -> str:
     found = baseline_of(record, lambda accel: motion(accel).displacement_m)
     told = told_of(found, path.stem, CORNER_HZ, path.name) if found else None
     return start_fault(filtered, record, found, told) or str(told or "")
+
+
+def _defects(path: Path, record: Accelerogram) -> list[str]:
+    return [str(each).removeprefix("record: ") for each in defects(record, path.stem)]
 
 
 def _facts(name: str, record: Accelerogram) -> dict[str, Any]:

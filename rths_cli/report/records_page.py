@@ -37,7 +37,7 @@ def document(found: Sequence[Mapping[str, Any]], faults: Sequence[str] = ()) -> 
     notes: list[Block] = [
         Line(f"{label} {one['component']}: {text}".replace(" : ", ": "))
         for label, one in zip(labels, found, strict=True)
-        for text in (one["corrected"] and f"corrected: {one['corrected']}", one["baseline_doubt"])
+        for text in (one["corrected"] and f"corrected: {one['corrected']}", one["baseline_doubt"], *one["defects"])
         if text
     ]
     return [[table, *notes, *map(Line, faults)]]

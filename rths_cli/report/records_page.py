@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rths_cli.report.document import Block, Column, Document, Line, by_columns
@@ -20,7 +21,7 @@ COLUMNS = (  # name, unit, value of a motion
 def document(found: Sequence[Mapping[str, Any]], faults: Sequence[str] = ()) -> Document:
     """Return the motions as a table, then a line on each that is doubted or was corrected by its agency, and on each
     file that cannot be read."""
-    labels = [str(one["name"]) for one in found]
+    labels = [Path(one["file"]).name for one in found]
     if not found:
         return [[*map(Line, faults)]]
     words = [

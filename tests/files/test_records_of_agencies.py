@@ -5,6 +5,8 @@ Oracle: `make_record_examples` writes each layout from one invented motion and k
 
 from __future__ import annotations
 
+import struct
+import sys
 from pathlib import Path
 
 import make_record_examples as examples
@@ -190,3 +192,39 @@ def test_a_missing_cell_and_a_gap_in_time_are_counted(tmp_path: Path) -> None:
     assert refusal(path).startswith(":6: 1 of 300 samples of 'UD (gal)' are missing")
     path.write_text("\n".join(lines[:100] + lines[103:]))
     assert "(3 samples missing at 1 place)" in refusal(path)
+
+
+def test_without_obspy_its_formats_are_named_with_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "obspy", None)
+    path = tmp_path / "a.bin"
+    sac = bytearray(632 + 40)
+    for order in (">", "<"):
+        struct.pack_into(order + "i", sac, 304, 6)
+        path.write_bytes(sac)
+        assert refusal(path).startswith(": is a SAC file; install obspy to read it (pip install 'rths-cli[obspy]')")
+    path.write_bytes(b"000001D S001 " + bytes(500))
+    assert refusal(path).startswith(": is a miniSEED file; install obspy to read it")
+    path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(50) + b"AuxiliaryData Waveforms ASDF")
+    assert refusal(path).startswith(": is an ASDF file; write the wanted trace as CSV")
+
+
+def test_obspy_reads_sac_and_miniseed_with_the_unit_that_the_case_states(tmp_path: Path) -> None:
+    obspy = pytest.importorskip("obspy")
+    about = {"delta": 0.01, "network": "XX", "station": "S001"}
+    codes = {"HNN": "NS", "HNE": "EW"}
+    traces = [obspy.Trace(examples.gal(part), {**about, "channel": code}) for code, part in codes.items()]
+    path = tmp_path / "a.mseed"
+    obspy.Stream(traces).write(str(path), format="MSEED")
+    assert "states no unit of acceleration" in refusal(path)
+    assert read_accelerogram(path, "gal", component="EW").accel_m_s2 == pytest.approx(G * examples.motion_g("EW"))
+    obspy.Stream([traces[0].slice(endtime=traces[0].stats.starttime + 1), traces[0].slice(
+        starttime=traces[0].stats.starttime + 2)]).write(str(path), format="MSEED")  # fmt: skip
+    assert "has gaps of 99 samples" in refusal(path, unit="gal")
+    traces[0].write(str(tmp_path / "a.SAC"), format="SAC")
+    data = bytearray((tmp_path / "a.SAC").read_bytes())
+    (found,) = read_components(tmp_path / "a.SAC", "gal")
+    assert (found.component, found.station) == ("HNN", "XX.S001")
+    assert found.accel_m_s2 == pytest.approx(G * examples.motion_g(), abs=1e-6)
+    struct.pack_into("<f", data, 4, -500.0)  # the least value that the header states
+    (tmp_path / "a.SAC").write_bytes(data)
+    assert "the header states a peak of 500 gal" in refusal(tmp_path / "a.SAC", unit="gal")

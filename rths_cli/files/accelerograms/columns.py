@@ -323,13 +323,13 @@ def _first_bad_line(path: Path, lines: list[str], header: Header) -> str:
                 if columns == 0 and (above := _text_above(path, lines, header, number)):
                     return above
                 return (
-                    f"{path}:{number}: {word[:40]!r} is not a number; give CSV with one or two columns or "
-                    "PEER .AT2, and convert other formats (COSMOS, SMC) to CSV (time_s,accel_m_s2)"
+                    f"{path}:{number}: {word[:40]!r} is not a number; give columns of numbers or a record as its "
+                    "agency writes it, and convert other formats to CSV (time_s,accel_m_s2)"
                 )
         columns = columns or len(words)
         if len(words) != columns and header.layout not in ONE_SERIES:
             held = f"{path}:{number}: holds {len(words)} of {columns} numbers"
-            return f"{held}{IN_ROWS}" if columns > 2 else f"{held}; complete the row or remove it"
+            return f"{held}{IN_ROWS}" if max(columns, len(words)) > 2 else f"{held}; complete the row or remove it"
     return f"{path}: the figures cannot be read; convert the file to CSV (time_s,accel_m_s2)"
 
 

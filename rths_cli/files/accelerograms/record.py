@@ -48,8 +48,7 @@ class Accelerogram:
     """One recorded ground acceleration: `accel_m_s2` (n,) at the interval `dt_s`, as read and not yet scaled.
 
     `unit_read` is the unit of the file's figures, `format` their layout, `sha256` that of the file's bytes. `corrected`
-    is what its agency did to it; `station`, `component` and `corrected` are "" where the file does not say, and `names`
-    are all that name the component.
+    is what its agency did to it; `station`, `component` and `corrected` are "" where the file does not say.
     """
 
     dt_s: float
@@ -62,7 +61,6 @@ class Accelerogram:
     station: str = ""
     component: str = ""
     corrected: str = ""
-    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -213,6 +211,11 @@ def _interval_faults(path: Path, header: Header, dt_s: float | None) -> list[str
     return []
 
 
+def place(path: Path | str, line: int) -> str:
+    """Return where a line stands, as messages name it; 0 is a line of no text."""
+    return f"{path}:{line}" if line else f"{path}"
+
+
 def check_peak(path: Path, channel: Channel, unit: str) -> None:
     """Raise InputError for a peak among the figures, in their unit, that no ground reached or the file contradicts."""
     figures = channel.figures
@@ -221,13 +224,13 @@ def check_peak(path: Path, channel: Channel, unit: str) -> None:
     if lost.size:
         which = "1 sample reads" if lost.size == 1 else f"{lost.size} samples read"
         raise InputError(
-            f"{path}:{channel.line_of(int(lost[0]))}: {which} "
+            f"{place(path, channel.line_of(int(lost[0])))}: {which} "
             "exactly -9999, which recorders write for a sample that was lost; mend or cut the record"
         )
     peak = abs(float(figures[index])) * FACTORS_M_S2[unit]
     if peak > MAX_PEAK_M_S2:
         raise InputError(
-            f"{path}:{channel.line_of(index)}: the peak of {peak:.4g} m/s^2 is above the limit of "
+            f"{place(path, channel.line_of(index))}: the peak of {peak:.4g} m/s^2 is above the limit of "
             f"{MAX_PEAK_M_S2:g} m/s^2, the unit {unit} is probably wrong; correct it where it "
             "stands (# units: in the file, record.unit in the case)"
         )
@@ -237,8 +240,8 @@ def check_peak(path: Path, channel: Channel, unit: str) -> None:
     found, allowed = abs(float(figures[index])), 0.5 * stated.digit + PEAK_AGREEMENT * abs(stated.peak)
     if abs(found - abs(stated.peak)) > allowed:
         raise InputError(
-            f"{path}:{stated.line}: the header states a peak of {abs(stated.peak):g} {unit}, the samples "
-            f"reach {found:.6g} {unit} (line {channel.line_of(index)}); take a file that is whole, or correct "
+            f"{place(path, stated.line)}: the header states a peak of {abs(stated.peak):g} {unit}, the samples "
+            f"reach {found:.6g} {unit} (sample {index + 1}); take a file that is whole, or correct "
             "the header"
         )
 

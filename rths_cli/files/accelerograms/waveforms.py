@@ -50,7 +50,7 @@ def read(path: Path, data: bytes, kind: str) -> list[Channel]:
         stream.merge()
     except Exception as error:  # of any kind: obspy does not say which
         raise InputError(
-            f"{path}: cannot be read as {kind} ({str(error)[:80]}); take it from its source again"
+            f"{path}: cannot be read as {kind} ({' '.join(str(error).split())[:80]}); take it from its source again"
         ) from error
     return [_channel(path, trace, kind) for trace in stream]
 
@@ -74,8 +74,6 @@ def _channel(path: Path, trace: Any, kind: str) -> Channel:
             for key in ("depmin", "depmax")
             if stats.sac.get(key, _SAC_UNKNOWN) != _SAC_UNKNOWN
         ]
-        stated = Stated(max(ends), 0.0, 1) if len(ends) == 2 and max(ends) > 0.0 else None
+        stated = Stated(max(ends), 0.0, 0) if len(ends) == 2 and max(ends) > 0.0 else None
     names = component_names(stats.channel) if stats.channel else ()
-    return Channel(
-        header, figures, lambda sample: sample + 1, f"{stats.network}.{stats.station}".strip("."), names, "", stated
-    )
+    return Channel(header, figures, lambda _: 0, f"{stats.network}.{stats.station}".strip("."), names, "", stated)

@@ -6,7 +6,6 @@ Oracle: `make_record_examples` writes each layout from one invented motion and k
 from __future__ import annotations
 
 import struct
-import sys
 from pathlib import Path
 
 import make_record_examples as examples
@@ -14,7 +13,7 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
-from rths_cli.files.accelerograms import read_accelerogram, read_components
+from rths_cli.files.accelerograms import read_accelerogram, read_components, waveforms
 
 FOLDER = Path(__file__).parent / "record_examples"
 G = 9.80665
@@ -195,7 +194,7 @@ def test_a_missing_cell_and_a_gap_in_time_are_counted(tmp_path: Path) -> None:
 
 
 def test_without_obspy_its_formats_are_named_with_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "obspy", None)
+    monkeypatch.setattr(waveforms, "find_spec", lambda _: None)
     path = tmp_path / "a.bin"
     sac = bytearray(632 + 40)
     for order in (">", "<"):
@@ -225,6 +224,8 @@ def test_obspy_reads_sac_and_miniseed_with_the_unit_that_the_case_states(tmp_pat
     (found,) = read_components(tmp_path / "a.SAC", "gal")
     assert (found.component, found.station) == ("HNN", "XX.S001")
     assert found.accel_m_s2 == pytest.approx(G * examples.motion_g(), abs=1e-6)
+    (tmp_path / "cut.SAC").write_bytes(data[:1200])
+    assert refusal(tmp_path / "cut.SAC", unit="gal").startswith(": cannot be read as SAC; it is cut or damaged")
     struct.pack_into("<f", data, 4, -500.0)  # the least value that the header states
     (tmp_path / "a.SAC").write_bytes(data)
     assert "the header states a peak of 500 gal" in refusal(tmp_path / "a.SAC", unit="gal")

@@ -6,6 +6,8 @@ import io
 import math
 import re
 import struct
+from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms.record import Channel, Header, Stated, check_moves, component_names
+from rths_cli.files.sandboxed_reading import read_in_copy
+from rths_cli.numerics.lti import Array
 
 _MINISEED = re.compile(rb"\d{6}[DRQM] ")
 _MINISEED_3 = re.compile(rb"MS\x03")
@@ -33,47 +37,70 @@ def kind_of(data: bytes) -> str:
     return ""
 
 
+@dataclass(frozen=True)
+class _Trace:
+    """One trace of a file as obspy reads it: figures (n,), how many of them are missing, and what its header states."""
+
+    name: str
+    station: str
+    channel: str
+    dt_s: float
+    figures: Array
+    missing: int
+    peak: float | None
+
+
 def read(path: Path, data: bytes, kind: str) -> list[Channel]:
     """Return the channels of a SAC or miniSEED file, their unit not stated.
 
-    Raises InputError without obspy, for data that it cannot read, for gaps, and for a SAC peak that contradicts.
+    Raises InputError without obspy, for data that it cannot read, and for gaps.
     """
-    try:
-        import obspy
-    except ImportError:
+    if find_spec("obspy") is None:
         raise InputError(
             f"{path}: is a {kind} file; install obspy to read it (pip install 'rths-cli[obspy]'), or convert it to CSV "
             "(time_s,accel_m_s2)"
-        ) from None
+        )
     try:
-        stream = obspy.read(io.BytesIO(data), format="MSEED" if kind == "miniSEED" else "SAC")
-        stream.merge()
-    except Exception as error:  # of any kind: obspy does not say which
+        traces = read_in_copy(lambda: _traces(data, kind))
+    except ValueError:
         raise InputError(
-            f"{path}: cannot be read as {kind} ({' '.join(str(error).split())[:80]}); take it from its source again"
-        ) from error
-    return [_channel(path, trace, kind) for trace in stream]
+            f"{path}: cannot be read as {kind}; it is cut or damaged, take it from its source again"
+        ) from None
+    return [_channel(path, trace, kind) for trace in traces]
 
 
-def _channel(path: Path, trace: Any, kind: str) -> Channel:
-    stats = trace.stats
-    if isinstance(trace.data, np.ma.MaskedArray):
-        missing = int(np.ma.getmaskarray(trace.data).sum())
-        raise InputError(f"{path}: {trace.id} has gaps of {missing} samples; mend the record, or cut it at the gap")
-    figures = np.asarray(trace.data, dtype=float)
-    if not np.isfinite(figures).all() or not math.isfinite(stats.delta):
-        raise InputError(f"{path}: {trace.id} holds values that are not finite; mend or cut the record")
-    check_moves(path, figures)
-    header = Header(
-        kind, title=f"{trace.id}, {stats.starttime}", dt_s=float(f"{stats.delta:.9g}"), samples=figures.size
+def _traces(data: bytes, kind: str) -> list[_Trace]:
+    """Return the traces of a file, those of one channel joined."""
+    import obspy
+
+    stream = obspy.read(io.BytesIO(data), format="MSEED" if kind == "miniSEED" else "SAC")
+    stream.merge()
+    return [_trace(each) for each in stream]
+
+
+def _trace(trace: Any) -> _Trace:
+    stats, known = trace.stats, trace.stats.get("sac", {})
+    ends = [abs(float(known[key])) for key in ("depmin", "depmax") if known.get(key, _SAC_UNKNOWN) != _SAC_UNKNOWN]
+    return _Trace(
+        f"{trace.id}, {stats.starttime}",
+        f"{stats.network}.{stats.station}".strip("."),
+        stats.channel,
+        float(f"{stats.delta:.9g}"),
+        np.asarray(np.ma.getdata(trace.data), dtype=float),
+        int(np.ma.getmaskarray(trace.data).sum()),
+        max(ends) if len(ends) == 2 and max(ends) > 0.0 else None,
     )
-    stated = None
-    if kind == "SAC":
-        ends = [
-            abs(float(stats.sac[key]))
-            for key in ("depmin", "depmax")
-            if stats.sac.get(key, _SAC_UNKNOWN) != _SAC_UNKNOWN
-        ]
-        stated = Stated(max(ends), 0.0, 0) if len(ends) == 2 and max(ends) > 0.0 else None
-    names = component_names(stats.channel) if stats.channel else ()
-    return Channel(header, figures, lambda _: 0, f"{stats.network}.{stats.station}".strip("."), names, "", stated)
+
+
+def _channel(path: Path, trace: _Trace, kind: str) -> Channel:
+    if trace.missing:
+        raise InputError(
+            f"{path}: {trace.name} has gaps of {trace.missing} samples; mend the record, or cut it at the gap"
+        )
+    if not np.isfinite(trace.figures).all() or not math.isfinite(trace.dt_s):
+        raise InputError(f"{path}: {trace.name} holds values that are not finite; mend or cut the record")
+    check_moves(path, trace.figures)
+    header = Header(kind, title=trace.name, dt_s=trace.dt_s, samples=trace.figures.size)
+    names = component_names(trace.channel) if trace.channel else ()
+    stated = None if trace.peak is None else Stated(trace.peak, 0.0, 0)
+    return Channel(header, trace.figures, lambda _: 0, trace.station, names, "", stated)

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, fie
 
 from rths_cli.case.field_types import Problem, Range, Strict, count, entry, listed, number, refusal, same_length
 from rths_cli.case.real_rig_overrides import REAL_DEFAULTS, STRICTER
+from rths_cli.case.record_schema import RecordSpec
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_capabilities import DEFAULT_KIND, Capabilities, capabilities_of
 from rths_cli.case.rig_schema import DEFAULT_LOST_SAMPLES, AnyRig, LimitOverrides, LimitsSpec, UdpRigSpec
@@ -55,106 +56,6 @@ RunName = Annotated[
     BeforeValidator(_underscored),
     WithJsonSchema({"enum": [*RUNS, "sim-delay", "shake-table", "exp-rths"]}),
 ]
-
-
-class BaselineSpec(Strict):
-    """Hold what is removed from a record; a word is short for `{remove: word}`."""
-
-    wanted: ClassVar[str] = "a word or a mapping"
-
-    remove: Literal["mean", "linear", "polynomial", "step", "none"] = Field(
-        description="its mean, its least-squares line or polynomial, the level of a quiet start or end that steps; "
-        "none: nothing, and a motion that begins with a step is run as it is"
-    )
-    order: Annotated[int, Range(ge=1, le=8)] = Field(default=2, description="order of the polynomial")
-    taper_s: Annotated[float, Range(ge=0, le=60)] = Field(
-        default=0.0, description="length of a half cosine by which it then begins and ends at zero"
-    )
-    zero_velocity: bool = Field(
-        default=False,
-        description="whether a smooth acceleration over its whole length brings it to rest at its end",
-    )
-
-
-def _spelled_out(baseline: object) -> object:
-    return {"remove": baseline} if isinstance(baseline, str) else baseline
-
-
-Baseline = Annotated[
-    BaselineSpec,
-    BeforeValidator(
-        _spelled_out, json_schema_input_type=Literal["mean", "linear", "polynomial", "step", "none"] | BaselineSpec
-    ),
-]
-
-
-class RecordSpec(Strict):
-    """Hold a ground motion's file, and what is done to it before it is scaled; unit and interval only where the file
-    itself does not state them."""
-
-    wanted: ClassVar[str] = "a name or a mapping"
-
-    file: Path = Field(description="a name looked up in records/, or a path")
-    unit: str | None = Field(
-        default=None,
-        min_length=1,
-        max_length=20,
-        description="unit of the accelerations, where the file does not state it: m/s^2, cm/s^2, gal, g, mm/s^2, "
-        "in/s^2, ft/s^2, mg, %g",
-    )
-    dt_s: Annotated[float, Range(gt=0, le=10)] | None = Field(
-        default=None, description="interval of the samples, where the file does not state it"
-    )
-    component: Annotated[str, Field(min_length=1, max_length=60)] | None = Field(
-        default=None,
-        description="which one, where the file holds several: its direction, code, channel or column (NS, 90, HNE, "
-        "channel 1)",
-    )
-    baseline: Baseline | None = Field(
-        default=None,
-        description="what is removed from the record before it is scaled, in a word or in full; default: nothing, and "
-        "a motion that begins with a step is refused",
-    )
-    band_hz: (
-        Annotated[
-            tuple[Annotated[float, Range(ge=0.005, le=1000)], ...],
-            Field(json_schema_extra={"minItems": 2, "maxItems": 2}),
-        ]
-        | None
-    ) = Field(
-        default=None,
-        description="band outside of which it is filtered away, by two poles at each end, forth and back; default: not "
-        "filtered before it is scaled",
-    )
-    resample_hz: Annotated[float, Range(ge=1, le=100_000)] | None = Field(
-        default=None,
-        description="rate to which it is resampled within its band, before the straight lines between its samples are "
-        "followed; default: its own",
-    )
-
-    @classmethod
-    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
-        """Yield a fault of the band."""
-        band = listed(data, "band_hz")
-        if band is not None and (
-            len(band) != 2 or not all(isinstance(f, int | float) for f in band) or not band[0] < band[1]
-        ):
-            yield ("band_hz",), "must be the two ends of a band in Hz, the lower one first, such as [0.1, 25]"
-
-    @property
-    def keeps_baseline(self) -> bool:
-        """Return whether the case plays a motion as it is, in so many words."""
-        return self.baseline is not None and self.baseline.remove == "none"
-
-    @property
-    def name(self) -> str:
-        """Return the record's name: its file's, without the suffix."""
-        return self.file.stem
-
-    @property
-    def path(self) -> Path:
-        """Return the record's file."""
-        return self.file
 
 
 class ControllerSpec(Strict):

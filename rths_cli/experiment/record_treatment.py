@@ -15,7 +15,7 @@ from rths_cli.files.accelerograms import Accelerogram
 from rths_cli.numerics.lti import Array
 
 if TYPE_CHECKING:
-    from rths_cli.case.case_schema import BaselineSpec, RecordSpec
+    from rths_cli.case.record_schema import BaselineSpec, RecordSpec
 
 POLES = 2  # of the band's ends, forth and back
 PADDING = 3.0  # periods of the lower end, of zeros on both sides of a record that is filtered

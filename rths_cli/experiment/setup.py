@@ -24,6 +24,7 @@ from rths_cli.experiment.ground_motion import (
     told_of,
 )
 from rths_cli.experiment.record_defects import defects
+from rths_cli.experiment.record_scaling import scaled_to
 from rths_cli.experiment.record_treatment import treated
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
 from rths_cli.findings import Finding
@@ -35,7 +36,7 @@ from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import metrics_of
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.from_case import calibration_faults, rig_info, skew_faults, true_values
-from rths_cli.structure import Building, Similitude, Specimen, build, similitude_of
+from rths_cli.structure import Building, Similitude, Specimen, build, modes, similitude_of
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
@@ -244,7 +245,18 @@ def _record(case: Case) -> tuple[Accelerogram, tuple[str, ...]]:
     """Return the record of a case, treated as the case says and compressed by its scale, and what was done to it."""
     asked = case.record
     record, done = treated(read_accelerogram(asked.path, asked.unit, asked.dt_s, asked.component), asked)
+    if asked.scale_to is not None:
+        period_s = first_period_s(case) if asked.scale_to.measure == "sa_t1" else None
+        record, told = scaled_to(record, asked.scale_to, period_s)
+        done = (*done, told)
     return record if case.scale is None else compressed(record, similitude_of(case.scale)), done
+
+
+def first_period_s(case: Case) -> float:
+    """Return the first period in s of a case's declared building, of the prototype where the case states a scale."""
+    building = build(case.structure, case.damping)
+    model_s = 1.0 / float(modes(building.M, building.C, building.K)[0][0])
+    return model_s if case.scale is None else model_s * similitude_of(case.scale).factor("s")
 
 
 def _prepared(case: Case, record: Accelerogram) -> GroundMotion:
@@ -265,7 +277,9 @@ def motion_key(case: Case) -> tuple[object, ...]:
     sampling = (case.scaling, case.sample_rate_hz)
     # of the scale, what the record is compressed by: mass and stress change no motion
     scale = None if case.scale is None else (case.scale.length, case.scale.acceleration)
-    return (case.record.model_dump_json(), case.record_filter.model_dump_json(), *sampling, scale)
+    asked = case.record.scale_to
+    building = building_key(case) if asked is not None and asked.measure == "sa_t1" else ()
+    return (case.record.model_dump_json(), case.record_filter.model_dump_json(), *sampling, scale, *building)
 
 
 def building_key(case: Case) -> tuple[str, str]:

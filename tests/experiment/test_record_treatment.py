@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfiltfilt
-from test_record_baseline import DT_S, LENGTH_S, TIME_S, case_of, load_case, motion, refusal_of, setup_of
+from scipy.signal import butter, lsim, sosfiltfilt
+from test_record_baseline import DT_S, LENGTH_S, PEAK_M_S2, TIME_S, case_of, load_case, motion, refusal_of, setup_of
 
 from rths_cli.analysis.intensity import integrate
-from rths_cli.case.case_schema import RecordSpec
+from rths_cli.case.record_schema import RecordSpec
 from rths_cli.errors import InputError
 from rths_cli.experiment.ground_motion import end_steps
 from rths_cli.experiment.provenance import attributes
 from rths_cli.experiment.record_treatment import treated
-from rths_cli.experiment.setup import Setup
+from rths_cli.experiment.setup import Setup, make_setup, motion_key
 from rths_cli.files.accelerograms import Accelerogram
 from rths_cli.numerics.lti import Array
 
@@ -168,8 +168,65 @@ def test_a_case_names_the_component_of_its_record(tmp_path: Path) -> None:
     path = tmp_path / "own.yaml"
     case = {"structure": "three_storey", "damping": "low", "scaling": 1.0, "controller": "FF+FB"}
     path.write_text(json.dumps({**case, "record": {"file": "own.csv", "component": "EW"}}))
-    from rths_cli.experiment.setup import make_setup
-
     assert make_setup(load_case(path)).motion.accel_m_s2[::20][: TIME_S.size] == pytest.approx(
         setup_of(tmp_path, 0.5 * motion(6)).motion.accel_m_s2[::20], abs=1e-6
     )
+
+
+def scaled(folder: Path, scale_to: dict[str, Any], **case: Any) -> Setup:
+    path = case_of(folder, motion(), scale_to=scale_to)
+    path.write_text(json.dumps({**json.loads(path.read_text()), "record_filter": {"corner_hz": 0}, **case}))
+    return make_setup(load_case(path))
+
+
+def test_a_record_is_scaled_to_its_peak_or_energy_before_the_factor(tmp_path: Path) -> None:
+    setup = scaled(tmp_path, {"measure": "pga", "value": 4.0}, scaling=0.5)
+    assert np.abs(setup.motion.accel_m_s2).max() == pytest.approx(2.0, rel=1e-6)
+    assert setup.record_treatment == (f"scaled by {4.0 / PEAK_M_S2:.6g} to pga = 4 m/s^2",)
+    accel = scaled(tmp_path, {"measure": "arias", "value": 0.3}).motion.accel_m_s2
+    assert np.pi / (2.0 * 9.80665) * (accel**2).sum() * 5e-4 == pytest.approx(0.3, rel=2e-3)
+
+
+@pytest.mark.parametrize("length", [1.0, 2.4])
+def test_a_record_is_scaled_to_the_spectrum_at_the_first_period_of_the_prototype(tmp_path: Path, length: float) -> None:
+    setup = scaled(tmp_path, {"measure": "sa_t1", "value": 3.0}, scale={"length": length})
+    building = setup.building
+    w = np.sqrt(np.linalg.eigvals(np.linalg.solve(building.M, building.K)).real.min())  # of the model
+    t, accel = setup.motion.time_s, setup.motion.accel_m_s2
+    system = ([[0.0, 1.0], [-(w**2), -0.1 * w]], [[0.0], [-1.0]], [[w**2, 0.0]], [[0.0]])
+    assert np.abs(lsim(system, accel, t)[1]).max() == pytest.approx(3.0, rel=2e-3)
+
+
+def test_a_record_is_scaled_to_the_spectrum_of_a_code(tmp_path: Path) -> None:
+    ends = {"period_s": [0.15, 0.5]}
+    one = scaled(tmp_path, {"spectrum": "ec8", "ground": "B", "ag_m_s2": 1.0, **ends})
+    two = scaled(tmp_path, {"spectrum": "ec8", "ground": "B", "ag_m_s2": 2.0, **ends})
+    assert two.motion.accel_m_s2 == pytest.approx(2.0 * one.motion.accel_m_s2, rel=1e-9)
+    other = scaled(tmp_path, {"spectrum": "asce7", "sds_g": 3.0 / 9.80665, "sd1_g": 1.5 / 9.80665, **ends})
+    assert other.motion.accel_m_s2 == pytest.approx(one.motion.accel_m_s2, rel=1e-9)  # the plateau of both: 3 m/s^2
+    (told,) = one.record_treatment
+    assert "to the spectrum of ec8 from 0.15 to 0.5 s (misfit " in told
+
+
+def test_cases_that_differ_in_the_building_alone_share_no_motion_scaled_by_it(tmp_path: Path) -> None:
+    path = case_of(tmp_path, motion(), scale_to={"measure": "sa_t1", "value": 3.0})
+    masses = "structure.experimental.masses_kg"
+    keys = {motion_key(load_case(path, [f"{masses}=[{mass}, {mass}]"])) for mass in (5.0, 6.0)}
+    assert len(keys) == 2
+
+
+@pytest.mark.parametrize(
+    ("scale_to", "words"),
+    [
+        ({"value": 2.0}, "needs one of measure (with value) and spectrum (with period_s)"),
+        ({"measure": "pga", "spectrum": "ec8"}, "needs one of measure (with value) and spectrum (with period_s)"),
+        ({"measure": "pga"}, "needs value with pga"),
+        ({"spectrum": "ec8", "ground": "A", "period_s": [0.1, 1.0]}, "needs ag_m_s2 with ec8"),
+        ({"spectrum": "asce7", "sds_g": 1.0, "sd1_g": 0.5}, "needs period_s with asce7"),
+        ({"spectrum": "ec8", "ground": "A", "ag_m_s2": 1.0, "period_s": [1.0, 0.1]}, "the two ends of periods in s"),
+    ],
+)
+def test_a_scaling_that_lacks_a_number_is_refused(tmp_path: Path, scale_to: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_case(case_of(tmp_path, motion(), scale_to=scale_to))
+    assert any(words in fault for fault in caught.value.faults)

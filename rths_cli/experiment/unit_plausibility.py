@@ -74,7 +74,8 @@ def of_record(setup: Setup) -> Iterator[Comparison]:
     scaled = float(np.abs(setup.motion.accel_m_s2).max())
     name, asked = f"{record.name}, its peak before scaling", "is its unit right (m/s^2, cm/s^2, g)?"
     # a weak record that is scaled up is known to be weak
-    weakest = WEAKEST_G if case.scaling <= 1.0 or scaled < WEAKEST_G * STANDARD_GRAVITY_M_S2 else 0.0
+    as_written = case.scaling <= 1.0 and record.scale_to is None
+    weakest = WEAKEST_G if as_written or scaled < WEAKEST_G * STANDARD_GRAVITY_M_S2 else 0.0
     yield Comparison(
         "record", raw.peak_m_s2, "m/s^2", "1 g", STANDARD_GRAVITY_M_S2, weakest, STRONGEST_G, (), name, asked
     )

@@ -29,7 +29,8 @@ def test_clean_motions_have_no_defect(seed: int) -> None:
     half_sine = np.where((t > 0.0) & (t < 0.1), np.sin(10.0 * np.pi * t), 0.0)  # corners are no spikes
     steps = np.round(motion(seed), 2)  # few digits: equal samples mean nothing
     noise = np.random.default_rng(seed).normal(size=TIME_S.size) * np.exp(-(((TIME_S - 9.0) / 4.0) ** 2))
-    assert found(motion(seed)) == found(half_sine) == found(steps) == found(noise) == []
+    rest = np.where(TIME_S < 21.0, np.where(TIME_S < 19.0, motion(seed), 0.0), 0.3)  # rest, then a baseline that steps
+    assert found(motion(seed)) == found(half_sine) == found(steps) == found(noise) == found(rest) == []
 
 
 @pytest.mark.parametrize("name", ["el_centro", "hachinohe"])

@@ -246,7 +246,7 @@ def test_damaged_files_of_agencies_are_read_or_refused_in_sentences(tmp_path: Pa
         damaged = draw.choice([
             data[:place], data[:place] + bytes([draw.randrange(256)]) + data[place + 1 :],
             data[:place] + data[place + draw.randrange(200) :], b"\n".join(lines[:row] + lines[row + 1 :]),
-            b"\n".join(lines[:row] + [draw.choice(lines)] + lines[row:]),
+            b"\n".join([*lines[:row], draw.choice(lines), *lines[row:]]),
             data[: digits.start()] + number + data[digits.end() :],  # type: ignore[union-attr]
         ])  # fmt: skip
         path = tmp_path / source.name

@@ -19,7 +19,7 @@ CONFIG = """\
 [mypy]
 strict = True
 follow_imports = silent
-[mypy-h5py.*,scipy.*,control.*,matplotlib.*,xarray.*,llvmlite.*,nptdms.*,nidaqmx.*]
+[mypy-h5py.*,scipy.*,control.*,matplotlib.*,xarray.*,llvmlite.*,nptdms.*,nidaqmx.*,obspy.*]
 ignore_missing_imports = True
 [mypy-numba.*]
 ignore_missing_imports = True

@@ -23,6 +23,7 @@ from pydantic_core import InitErrorDetails
 from rths_cli.case.compensator_schema import CompensatorSpec, compensator_kinds
 from rths_cli.case.field_types import Problem, Range, Strict, count, entry, listed, number, refusal, same_length, shown
 from rths_cli.case.real_rig_overrides import REAL_DEFAULTS, STRICTER
+from rths_cli.case.record_schema import RecordSpec
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_capabilities import DEFAULT_KIND, Capabilities, capabilities_of
 from rths_cli.case.rig_schema import DEFAULT_LOST_SAMPLES, AnyRig, LimitOverrides, LimitsSpec, UdpRigSpec
@@ -67,39 +68,6 @@ RunName = Annotated[
     BeforeValidator(_underscored),
     WithJsonSchema({"enum": [*RUNS, "sim-delay", "shake-table", "exp-rths"]}),
 ]
-
-
-class RecordSpec(Strict):
-    """Hold a ground motion's file; unit and interval only where the file itself does not state them."""
-
-    wanted: ClassVar[str] = "a name or a mapping"
-
-    file: Path = Field(description="a name looked up in records/, or a path")
-    unit: str | None = Field(
-        default=None,
-        min_length=1,
-        max_length=20,
-        description="unit of the accelerations, where the file does not state it: m/s^2, cm/s^2, gal, g, mm/s^2, "
-        "in/s^2, ft/s^2, mg, %g",
-    )
-    dt_s: Annotated[float, Range(gt=0, le=10)] | None = Field(
-        default=None, description="interval of the samples, where the file does not state it"
-    )
-    baseline: Literal["mean", "linear", "none"] | None = Field(
-        default=None,
-        description="what is removed from the record before it is scaled: its mean, or its least-squares line; none: "
-        "nothing, and a motion that begins with a step is run as it is; default: nothing, and such a motion is refused",
-    )
-
-    @property
-    def name(self) -> str:
-        """Return the record's name: its file's, without the suffix."""
-        return self.file.stem
-
-    @property
-    def path(self) -> Path:
-        """Return the record's file."""
-        return self.file
 
 
 class ControllerSpec(Strict):

@@ -43,7 +43,10 @@ RECORD_BYTES, RECORD_LINES = 8192, 3  # read to recognise a record, and the fewe
 NUMBER = re.compile(r"\s*[-+]?(?:\d|\.\d)")
 
 YAML = (".yaml", ".yml")
-RECORD = (".csv", ".at2", ".AT2", ".txt", ".dat")
+RECORD = (
+    ".csv", ".at2", ".AT2", ".txt", ".dat", ".ASC", ".asc", ".V1", ".V2", ".v1", ".v2", ".V1c", ".V2c", ".V1C", ".V2C",
+    ".NS", ".EW", ".UD", ".NS1", ".EW1", ".UD1", ".NS2", ".EW2", ".UD2", ".g3",
+)  # fmt: skip
 
 
 def kind_of(path: Path) -> str | None:

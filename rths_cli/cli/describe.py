@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import sys
 import textwrap
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -107,11 +109,12 @@ def new(paths: tuple[Path, ...], as_json: bool) -> int:
 
 
 @cli.command()
-@click.argument("record", required=False)
+@click.argument("record", nargs=-1)
 @click.option("--unit", help="Unit of the accelerations, where the file does not state it (g, cm/s^2, ...).")
 @click.option(
     "--dt", "dt_s", type=Number(min=0, min_open=True), help="Sample interval in s, where the file does not state it."
 )
+@click.option("--component", help="Which component of a file that holds several (NS, 90, HNE, channel 1).")
 @click.option(
     "--scale",
     "scale",
@@ -121,32 +124,63 @@ def new(paths: tuple[Path, ...], as_json: bool) -> int:
 )
 @click.option(
     "--baseline",
-    type=click.Choice(["mean", "linear", "none"]),
-    help="Show the record without its mean or its straight line, as a case with this key takes it.",
+    type=click.Choice(["mean", "linear", "polynomial", "step", "none"]),
+    help="Show the record without its mean, line, parabola or step at an end, as a case with this key takes it.",
 )
 @json_option
 def records(
-    record: str | None,
+    record: tuple[str, ...],
     unit: str | None,
     dt_s: float | None,
+    component: str | None,
     scale: tuple[str, ...],
     baseline: str | None,
     as_json: bool,
 ) -> int:
-    """Show a ground motion: peaks, duration, response spectrum. Without RECORD: list those that are known.
+    """Show a ground motion: peaks, intensity, durations, what is wrong with it, response spectrum; of several, or of a
+    file of several components, a row for each. Without RECORD: list those that are known.
 
     Example: rths records el_centro
     """
-    if record is None:
+    if not record:
         if scale:
             raise click.UsageError("--scale compresses one record; name it: rths records RECORD --scale length=2.4")
         return show_list("records", as_json)
     from rths_cli.case.structure_schema import read_scale
-    from rths_cli.laboratory.listing import show
+    from rths_cli.laboratory.listing import components_of, show
 
-    document, text = show(record, unit, dt_s, page_width(), read_scale(scale), baseline)
+    of_model = read_scale(scale)
+    if component is None and len(record) > 1:
+        return _show_motions(record, lambda name: components_of(name, unit, dt_s, of_model, baseline), as_json)
+    if component is None:
+        found = components_of(record[0], unit, dt_s, of_model, baseline)
+        if len(found) > 1:
+            return _show_motions(record, lambda _: found, as_json)
+    elif len(record) > 1:
+        raise click.UsageError("--component belongs to one file; name it alone.")
+    document, text = show(record[0], unit, dt_s, page_width(), of_model, baseline, component)
     click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
     return 0
+
+
+def _show_motions(names: Sequence[str], examine: Callable[[str], list[dict[str, Any]]], as_json: bool) -> int:
+    """Print a row for each component of the records; return exit code 2 where one of them cannot be read."""
+    from rths_cli.errors import InputError
+    from rths_cli.report.records_page import document
+    from rths_cli.report.to_text import text
+
+    found: list[dict[str, Any]] = []
+    faults: list[str] = []
+    for name in names:
+        try:
+            found += examine(name)
+        except InputError as error:
+            faults += error.faults
+    if as_json:
+        click.echo(json.dumps({"records": found, "faults": faults}, indent=2))
+    else:
+        show_page(lambda: text(document(found, faults)))
+    return 2 if faults else 0
 
 
 @cli.command()

@@ -66,11 +66,11 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
 
 
 def baseline_note(setup: Setup) -> tuple[Finding, ...]:
-    """Return the finding on the baseline of the record, with file and line, () for a clean record and for one whose
-    baseline the case keeps in so many words."""
-    if setup.baseline is None or setup.case.record.baseline == "none":
-        return ()
-    return (setup.baseline.at("at.place", place=place_of(setup.case, "record")),)
+    """Return the findings on the record, with file and line: its baseline, unless the case keeps it in so many words,
+    and its other defects; () for a clean record."""
+    kept = () if setup.baseline is None or setup.case.record.keeps_baseline else (setup.baseline,)
+    place = place_of(setup.case, "record")
+    return tuple(found.at("at.place", place=place) for found in (*kept, *setup.record_defects))
 
 
 def modes_above_the_bands(setup: Setup) -> list[Finding]:

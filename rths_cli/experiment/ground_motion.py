@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rths_cli.analysis.intensity import integrate, spectrum
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import Accelerogram
 from rths_cli.findings import Finding
-from rths_cli.numerics.lti import Array, driven_modes
+from rths_cli.numerics.lti import Array
 from rths_cli.structure import Similitude
 
 CORNER_HZ = 0.25  # of the usual high pass of a record
@@ -23,6 +24,7 @@ POINTS = 256  # of a velocity in which a step is looked for
 EXPLAINED, EXPLAINED_BY_STEP = 0.65, 0.9  # share of the squared block means that is a baseline and no motion
 SIMPLER = 2.0  # times the residue of a richer baseline that a simpler one may leave and be preferred
 WORTH_SAYING = 0.1  # added displacement, over that of the motion without the baseline
+LEAST_QUIET, QUIET, MOST_JUMPS = 8, 0.25, 16  # samples of a quiet end; what moves there, over its step; steps tried
 NO_MOTION = 1e-9  # of the peak before a baseline was removed
 KINDS = {"mean": "constant", "linear": "linear"}  # as scipy.signal.detrend names them
 Displacement = Callable[[Array], Array]
@@ -123,14 +125,6 @@ def _high_pass(accel: Array, sample_rate_hz: float, corner_hz: float, order: int
     return np.asarray(sosfilt(butter(order, corner_hz, "high", fs=sample_rate_hz, output="sos"), accel))
 
 
-def integrate(accel_m_s2: Array, dt_s: float) -> tuple[Array, Array]:
-    """Return velocity in m/s and displacement in m, each (n,), of a piecewise-linear acceleration (n,) from rest."""
-    before, after = accel_m_s2[:-1], accel_m_s2[1:]
-    velocity = np.concatenate([[0.0], np.cumsum(0.5 * dt_s * (before + after))])
-    steps = dt_s * velocity[:-1] + dt_s**2 * (2.0 * before + after) / 6.0
-    return velocity, np.concatenate([[0.0], np.cumsum(steps)])
-
-
 def peaks(motion: GroundMotion) -> Peaks:
     """Return the peak ground acceleration, velocity and displacement."""
     return Peaks(
@@ -141,40 +135,8 @@ def peaks(motion: GroundMotion) -> Peaks:
 
 
 def response_spectrum(motion: GroundMotion, periods_s: Sequence[float] | Array, damping_ratio: float = 0.05) -> Array:
-    """Return the pseudo-acceleration spectrum w^2 max|u| in m/s^2, (n_periods,), over the record's samples.
-
-    u is the relative displacement of d2u + 2 zeta w du + w^2 u = -a, w = 2 pi / period, solved exactly for the
-    piecewise-linear acceleration (Nigam and Jennings 1969) as one complex mode. Raises InputError for periods that are
-    not positive and a damping ratio outside 0 to 1 (1 excluded).
-    """
-    periods = np.asarray(periods_s, dtype=float)
-    if not np.all((periods > 0.0) & np.isfinite(periods)):
-        raise InputError("periods_s: every period must be a positive number of seconds")
-    if not 0.0 <= damping_ratio < 1.0:
-        raise InputError(f"damping_ratio: {damping_ratio:g} must be at least 0 and below 1")
-    omega = 2.0 * np.pi / periods
-    return omega**2 * np.array([_peak_displacement(motion, w, damping_ratio) for w in omega])
-
-
-def _peak_displacement(motion: GroundMotion, omega: float, damping_ratio: float) -> float:
-    """Return max|u| in m of one oscillator with u = -Im(z) / w_d, dz = s z + a, s = -zeta w + i w_d."""
-    damped = omega * np.sqrt(1.0 - damping_ratio**2)
-    x = complex(-damping_ratio * omega, damped) * motion.dt_s
-    first, second = _exponential_integrals(x)
-    now, before = motion.dt_s * second, motion.dt_s * (first - second)
-    _, imaginary = driven_modes(np.exp(x), now, before, motion.accel_m_s2)
-    return float(np.abs(imaginary).max() / damped)
-
-
-def _exponential_integrals(x: complex) -> tuple[complex, complex]:
-    """Return (e^x - 1) / x and (e^x - 1 - x) / x^2, from their series for small |x|."""
-    if abs(x) > 0.5:
-        first = (np.exp(x) - 1.0) / x
-        return first, (first - 1.0) / x
-    second, term = 0j, 0.5 + 0j
-    for k in range(3, 20):
-        second, term = second + term, term * x / k
-    return 1.0 + x * second, second
+    """Return the pseudo-acceleration spectrum of a motion in m/s^2, (n_periods,); raises InputError as `spectrum`."""
+    return spectrum(motion.accel_m_s2, motion.dt_s, periods_s, damping_ratio).sa_m_s2
 
 
 @dataclass(frozen=True)
@@ -192,16 +154,31 @@ class Baseline:
     mended_by: str  # "mean", "linear", or "" where removing neither mends it
 
 
-def without_baseline(accelerogram: Accelerogram, remove: str | None) -> Accelerogram:
-    """Return a record less its mean (`mean`) or its least-squares line (`linear`); any other value changes nothing.
+def without_baseline(accelerogram: Accelerogram, remove: str | None, order: int = 2) -> Accelerogram:
+    """Return a record less its mean (`mean`), its least-squares line (`linear`) or polynomial of some order
+    (`polynomial`), or the levels of quiet ends that step (`step`); any other value changes nothing.
 
-    Raises InputError for a record of which nothing remains.
+    Raises InputError for a record of which nothing remains, and for one without such a step.
     """
     from scipy.signal import detrend
 
-    if remove not in KINDS:
+    whole = accelerogram.accel_m_s2
+    if remove in KINDS:
+        accel = np.asarray(detrend(whole, type=KINDS[remove]))
+    elif remove == "polynomial":
+        place = np.linspace(-1.0, 1.0, whole.size)
+        accel = whole - np.polynomial.Polynomial.fit(place, whole, order)(place)
+    elif remove == "step":
+        accel = whole.copy()
+        for level, first, end in end_steps(whole):
+            accel[first:end] -= level
+        if np.array_equal(accel, whole):
+            raise InputError(
+                "record.baseline: step: neither the start nor the end of this record is quiet and steps; remove the "
+                "key, or name another"
+            )
+    else:
         return accelerogram
-    accel = np.asarray(detrend(accelerogram.accel_m_s2, type=KINDS[remove]))
     if np.abs(accel).max() <= NO_MOTION * np.abs(accelerogram.accel_m_s2).max():
         raise InputError(f"record.baseline: {remove} leaves no motion of this record; remove the key, or name another")
     return replace(accelerogram, accel_m_s2=accel)
@@ -223,23 +200,27 @@ def baseline_of(accelerogram: Accelerogram, displacement: Displacement) -> Basel
     from scipy.signal import detrend
 
     accel = accelerogram.accel_m_s2
-    found = _shape(accel)
-    if found is None:
+    steps = end_steps(accel)
+    found = None if steps else _shape(accel)
+    if found is None and not steps:
         return None
-    split, richest = found
+    split, richest = found or (steps[0][1] or steps[0][2], without_baseline(accelerogram, "step").accel_m_s2)
     clean = displacement(richest)
     whole = displacement(accel)
     own_m = _peak(clean)
     if _peak(whole - clean) <= WORTH_SAYING * own_m:
         return None
     mended_by, after = "", clean
-    for remove, kind in KINDS.items():
+    for remove, kind in () if steps else KINDS.items():
         tried = displacement(np.asarray(detrend(accel, type=kind)))
         if _peak(tried - clean) <= max(WORTH_SAYING * own_m, WORTH_SAYING * _peak(whole - clean)):
             mended_by, after = remove, tried
             break
     mean, drift = straight_line(accelerogram)
     step = float(accel[split:].mean() - accel[:split].mean()) if split and not mended_by else 0.0
+    if steps:
+        level, first, _ = steps[0]
+        step, mended_by = (level if first else -level), "step"
     return Baseline(
         first_m_s2=float(accel[0]),
         mean_m_s2=mean,
@@ -270,6 +251,28 @@ def _shape(accel: Array) -> tuple[int, Array] | None:
     drifts = SIMPLER * _in_blocks(line) < _in_blocks(level)
     found = line if drifts else level
     return None if _in_blocks(found) > (1.0 - EXPLAINED) * power else (0, found)
+
+
+def end_steps(accel: Array) -> list[tuple[float, int, int]]:
+    """Return the level in m/s^2, the first sample and the end of a start or an end of a record (n,) that is quiet, at a
+    level of its own, and joined to the rest by a jump between two samples."""
+    found = [(level, 0, end) for level, end in _quiet_start(accel)]
+    return found + [(level, accel.size - count, accel.size) for level, count in _quiet_start(accel[::-1])]
+
+
+def _quiet_start(accel: Array) -> list[tuple[float, int]]:
+    """Return the level and the length of a record's (n,) quiet start, [] without one."""
+    jumps = np.abs(np.diff(accel[: accel.size // 4]))
+    for count in np.argsort(jumps)[::-1][:MOST_JUMPS] + 1:
+        start, after = accel[:count], accel[count : count + LEAST_QUIET]
+        if count < LEAST_QUIET:
+            continue
+        level, rest = float(np.median(start)), float(np.median(after))
+        quiet = QUIET * abs(level - rest)
+        still = max(float(np.abs(start - level).max()), float(np.abs(after - rest).max())) <= quiet
+        if still and level != rest and abs(jumps[count - 1] - abs(level - rest)) <= quiet:
+            return [(level - rest, int(count))]
+    return []
 
 
 def _in_blocks(accel: Array) -> float:

@@ -23,8 +23,10 @@ from rths_cli.experiment.ground_motion import (
     prepare,
     start_fault,
     told_of,
-    without_baseline,
 )
+from rths_cli.experiment.record_defects import defects
+from rths_cli.experiment.record_scaling import scaled_to
+from rths_cli.experiment.record_treatment import treated
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
 from rths_cli.findings import Finding
 from rths_cli.identification.sensor_calibration import calibrated
@@ -35,7 +37,7 @@ from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import metrics_of
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.from_case import calibration_faults, rig_info, skew_faults, true_values
-from rths_cli.structure import Building, Similitude, Specimen, build, similitude_of
+from rths_cli.structure import Building, Similitude, Specimen, build, modes, similitude_of
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
@@ -133,6 +135,8 @@ class Setup:
     baseline: Finding | None = None  # of the record: what it does and what mends it; None for a clean record
     baseline_share: float = 0.0  # ground displacement that the baseline adds, over that without it
     compensator: Compensator | None = None  # of a case whose controller is one
+    record_treatment: tuple[str, ...] = ()  # what was done to the record before it was scaled, in its order
+    record_defects: tuple[Finding, ...] = ()  # of the record as it is played
 
     def calibrated(self, found: Identification) -> Setup:
         """Return the setup on a rig whose sensors are those that an identification found."""
@@ -188,10 +192,10 @@ def make_setup(
     if faults:
         raise InputError(*(placed(case, fault) for fault in faults))
     shared = shared or SharedValues()
-    motion, record_sha256, baseline, share, begins = shared.get(
+    motion, record_sha256, baseline, share, begins, done, wrong = shared.get(
         "motion", motion_key(case), lambda: interruptible(lambda: _judged_motion(case))
     )
-    if begins and case.record.baseline != "none":
+    if begins and not case.record.keeps_baseline:
         raise InputError(placed(case, begins))
     building = shared.get(
         "building", building_key(case), lambda: interruptible(lambda: build(case.structure, case.damping))
@@ -208,7 +212,7 @@ def make_setup(
     compensator = _compensator(case)
     setup = Setup(
         case, motion, record_sha256, building, info, masses, overrides, dict(parts or {}), samples, baseline=baseline,
-        baseline_share=share, compensator=compensator,
+        baseline_share=share, compensator=compensator, record_treatment=done, record_defects=wrong,
     )  # fmt: skip
     return with_own_storeys(setup)
 
@@ -227,27 +231,48 @@ def _compensator(case: Case) -> Compensator | None:
 
 def ground_motion(case: Case) -> tuple[GroundMotion, str]:
     """Return the scaled, filtered record of a case and the hash of its file; raises InputError."""
-    record = _record(case)
+    record, _ = _record(case)
     return _prepared(case, record), record.sha256
 
 
-def _judged_motion(case: Case) -> tuple[GroundMotion, str, Finding | None, float, str]:
+def _judged_motion(
+    case: Case,
+) -> tuple[GroundMotion, str, Finding | None, float, str, tuple[str, ...], tuple[Finding, ...]]:
     """Return what `ground_motion` does, a finding on the record's baseline, None without one, with its share of the
-    displacement, and a sentence on a motion that begins with a step."""
-    record = _record(case)
+    displacement, a sentence on a motion that begins with a step, what was done to the record, and its defects."""
+    record, done = _record(case)
     motion = _prepared(case, record)
     found = baseline_of(record, lambda accel: _prepared(case, replace(record, accel_m_s2=accel)).displacement_m)
     named = case.record
     told = told_of(found, named.name, case.record_filter.corner_hz, named.path.name) if found else None
     share = found.added_m / max(found.own_m, np.finfo(float).tiny) if found else 0.0
-    return motion, record.sha256, told, share, start_fault(motion, record, found, told)
+    return (
+        motion,
+        record.sha256,
+        told,
+        share,
+        start_fault(motion, record, found, told),
+        done,
+        defects(record, named.name),
+    )
 
 
-def _record(case: Case) -> Accelerogram:
-    """Return the record of a case, its baseline removed as the case says, compressed by its scale."""
-    record = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
-    record = without_baseline(record, case.record.baseline)
-    return record if case.scale is None else compressed(record, similitude_of(case.scale))
+def _record(case: Case) -> tuple[Accelerogram, tuple[str, ...]]:
+    """Return the record of a case, treated as the case says and compressed by its scale, and what was done to it."""
+    asked = case.record
+    record, done = treated(read_accelerogram(asked.path, asked.unit, asked.dt_s, asked.component), asked)
+    if asked.scale_to is not None:
+        period_s = first_period_s(case) if asked.scale_to.measure == "sa_t1" else None
+        record, told = scaled_to(record, asked.scale_to, period_s)
+        done = (*done, told)
+    return record if case.scale is None else compressed(record, similitude_of(case.scale)), done
+
+
+def first_period_s(case: Case) -> float:
+    """Return the first period in s of a case's declared building, of the prototype where the case states a scale."""
+    building = build(case.structure, case.damping)
+    model_s = 1.0 / float(modes(building.M, building.C, building.K)[0][0])
+    return model_s if case.scale is None else model_s * similitude_of(case.scale).factor("s")
 
 
 def _prepared(case: Case, record: Accelerogram) -> GroundMotion:
@@ -268,7 +293,9 @@ def motion_key(case: Case) -> tuple[object, ...]:
     sampling = (case.scaling, case.sample_rate_hz)
     # of the scale, what the record is compressed by: mass and stress change no motion
     scale = None if case.scale is None else (case.scale.length, case.scale.acceleration)
-    return (case.record.model_dump_json(), case.record_filter.model_dump_json(), *sampling, scale)
+    asked = case.record.scale_to
+    building = building_key(case) if asked is not None and asked.measure == "sa_t1" else ()
+    return (case.record.model_dump_json(), case.record_filter.model_dump_json(), *sampling, scale, *building)
 
 
 def building_key(case: Case) -> tuple[str, str]:

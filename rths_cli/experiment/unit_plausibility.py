@@ -70,11 +70,12 @@ def of_specimen_on_table(setup: Setup) -> Iterator[Comparison]:
 def of_record(setup: Setup) -> Iterator[Comparison]:
     """Yield the comparisons of the record, as its file states it, with ground motions, and of what is left of it."""
     case, record = setup.case, setup.case.record
-    raw = _raw_record(record.path, record.unit, record.dt_s, setup.record_sha256)
+    raw = _raw_record(record.path, record.unit, record.dt_s, record.component, setup.record_sha256)
     scaled = float(np.abs(setup.motion.accel_m_s2).max())
     name, asked = f"{record.name}, its peak before scaling", "is its unit right (m/s^2, cm/s^2, g)?"
     # a weak record that is scaled up is known to be weak
-    weakest = WEAKEST_G if case.scaling <= 1.0 or scaled < WEAKEST_G * STANDARD_GRAVITY_M_S2 else 0.0
+    as_written = case.scaling <= 1.0 and record.scale_to is None
+    weakest = WEAKEST_G if as_written or scaled < WEAKEST_G * STANDARD_GRAVITY_M_S2 else 0.0
     yield Comparison(
         "record", raw.peak_m_s2, "m/s^2", "1 g", STANDARD_GRAVITY_M_S2, weakest, STRONGEST_G, (), name, asked
     )
@@ -100,9 +101,9 @@ class RawRecord:
 
 
 @lru_cache(maxsize=32)
-def _raw_record(path: Path, unit: str | None, dt_s: float | None, sha256: str) -> RawRecord:
+def _raw_record(path: Path, unit: str | None, dt_s: float | None, component: str | None, sha256: str) -> RawRecord:
     """Return what is compared of a record's file, which `sha256` tells from others of its name."""
-    record = read_accelerogram(path, unit, dt_s)
+    record = read_accelerogram(path, unit, dt_s, component)
     accel = record.accel_m_s2 - record.accel_m_s2.mean()
     power = np.abs(np.fft.rfft(accel)) ** 2
     mean_hz = float(power @ np.fft.rfftfreq(accel.size, record.dt_s) / max(float(power.sum()), np.finfo(float).tiny))

@@ -42,6 +42,22 @@ CASE = {
         "{mended_by}}} to remove it, baseline: none to keep it|no straight line mends that: correct the file piece "
         "by piece, or state record.baseline: none to keep it]"
     ),
+    "record.spikes": warns(
+        "record: {record} has {count} {count:?spike/spikes}, the largest {accel_m_s2:.3g} m/s^2 at {at_s:.4g} s: a "
+        "sample far from the line through its neighbours; correct the file"
+    ),
+    "record.clipped": warns(
+        "record: {record} stays at its extreme of {accel_m_s2:.4g} m/s^2 for {count} samples, the first at {at_s:.4g} "
+        "s: its sensor or recorder was clipped; take another record, the peaks of this one are lost"
+    ),
+    "record.held": warns(
+        "record: {record} holds {accel_m_s2:.4g} m/s^2 for {count} samples from {at_s:.4g} s on, within its motion: "
+        "samples were lost there; mend the file, or cut the record"
+    ),
+    "record.cut": warns(
+        "record: {record} ends, at {at_s:.4g} s, with {accel_m_s2:.3g} m/s^2, {share:.0f %} of its peak: within a "
+        "motion; give it to its end, or state record.baseline.taper_s"
+    ),
     "scale.larger_model": warns(
         "scale.length: {length:g} makes the model larger than its prototype; factors are prototype over model, write "
         "{inverse:.4g} for a model that is smaller"

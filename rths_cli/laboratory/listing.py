@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rths_cli.analysis.intensity import measures, spectrum
 from rths_cli.case.load import load_cases, load_reference, load_rig, load_structure
 from rths_cli.case.named_files import find, is_bare, known_files
 from rths_cli.case.shipped_files import is_shipped
@@ -20,16 +21,15 @@ from rths_cli.experiment.ground_motion import (
     GroundMotion,
     baseline_of,
     compressed,
-    peaks,
     prepare,
-    response_spectrum,
     rounded,
     start_fault,
     straight_line,
     told_of,
     without_baseline,
 )
-from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
+from rths_cli.experiment.record_defects import defects
+from rths_cli.files.accelerograms import Accelerogram, read_accelerogram, read_components
 from rths_cli.numerics.lti import Array
 from rths_cli.structure import similitude_of
 from rths_cli.structure.similitude import factors_text
@@ -142,49 +142,86 @@ def show(
     width: int = 100,
     scale: ScaleSpec | None = None,
     baseline: str | None = None,
+    component: str | None = None,
 ) -> tuple[dict[str, Any], str]:
-    """Return data, peaks and 5 % response spectrum of a record, as a document for JSON and as text of some width.
+    """Return measures and 5 % response spectrum of a record, as a document for JSON and as text of some width.
 
     The record is neither scaled nor filtered; with `scale` it is compressed to the model's time and acceleration.
     `baseline` (mean, linear) is removed from it; what is left of one is told as the high pass of a case changes it.
-    Raises InputError if it cannot be read.
+    Raises InputError if it cannot be read, and for several components of which none is named.
     """
-    path = find(name, "records", Path.cwd()) if is_bare(name) else Path(name)
-    accelerogram = read_accelerogram(path, unit, dt_s)
+    path = _found(name)
+    accelerogram = read_accelerogram(path, unit, dt_s, component)
+    facts = _examined(path, accelerogram, scale, baseline)
+    return facts, _page(facts, width)
+
+
+def components_of(
+    name: str, unit: str | None, dt_s: float | None, scale: ScaleSpec | None = None, baseline: str | None = None
+) -> list[dict[str, Any]]:
+    """Return what `show` says of every component of a record's file; raises InputError if it cannot be read."""
+    path = _found(name)
+    return [_examined(path, each, scale, baseline) for each in read_components(path, unit, dt_s)]
+
+
+def _found(name: str) -> Path:
+    return find(name, "records", Path.cwd()) if is_bare(name) else Path(name)
+
+
+def _examined(path: Path, accelerogram: Accelerogram, scale: ScaleSpec | None, baseline: str | None) -> dict[str, Any]:
+    """Return all that is told of a component, its baseline removed and compressed as asked."""
     accelerogram = without_baseline(accelerogram, baseline)
     similitude = similitude_of(scale) if scale is not None else None
     accelerogram = compressed(accelerogram, similitude) if similitude is not None else accelerogram
-    motion = prepare(accelerogram, 1.0, 1.0 / accelerogram.dt_s, corner_hz=0.0)
-    largest, spectrum = peaks(motion), response_spectrum(motion, PERIODS_S, SPECTRUM_DAMPING)
+    accel, dt_s = accelerogram.accel_m_s2, accelerogram.dt_s
+    found = measures(accel, dt_s)
     facts = _facts(path.stem, accelerogram)
-    facts |= {"peak_velocity_m_s": largest.velocity_m_s, "origin": accelerogram.origin, "sha256": accelerogram.sha256}
-    accel_m_s2 = [float(v) for v in spectrum]
+    facts |= {"peak_velocity_m_s": found.pgv_m_s, "origin": accelerogram.origin, "sha256": accelerogram.sha256}
+    accel_m_s2 = spectrum(accel, dt_s, PERIODS_S, SPECTRUM_DAMPING).sa_m_s2.tolist()
     facts |= {"periods_s": list(PERIODS_S), "pseudo_accel_m_s2": accel_m_s2}
     mean, drift = straight_line(accelerogram)
-    doubt = _doubt(path, accelerogram)
-    facts |= {"first_m_s2": float(accelerogram.accel_m_s2[0]), "mean_m_s2": mean, "drift_m_s2": drift}
-    facts |= {"baseline_removed": baseline or "none", "baseline_doubt": doubt}
-    factors = similitude.factors if similitude is not None else {}
-    facts |= {"scale_factors": factors} if factors else {}
-    told = f"  scale        of the model; prototype over model: {factors_text(factors)}"
+    facts |= {"first_m_s2": float(accel[0]), "mean_m_s2": mean, "drift_m_s2": drift}
+    facts |= {"baseline_removed": baseline or "none", "baseline_doubt": _doubt(path, accelerogram)}
+    facts |= {"file": str(path), "format": accelerogram.format, "unit": accelerogram.unit_read}
+    facts |= {"station": accelerogram.station, "component": accelerogram.component}
+    facts |= {"corrected": accelerogram.corrected, "measures": asdict(found), "defects": _defects(path, accelerogram)}
+    return facts | ({"scale_factors": similitude.factors} if similitude is not None else {})
+
+
+def _page(facts: dict[str, Any], width: int) -> str:
+    """Return the facts of a component as text."""
+    found, doubt, factors = facts["measures"], facts["baseline_doubt"], facts.get("scale_factors", {})
+
+    def said(label: str, text: str) -> list[str]:
+        return textwrap.wrap(f"  {label:<13}{text}", width, subsequent_indent=" " * 15) if text else []
+
+    where = ", component ".join(filter(None, (facts["station"], facts["component"])))
     lines = [
         *textwrap.wrap(f"{facts['name']}: {facts['title']}", width, subsequent_indent="  "),
-        *textwrap.wrap(f"  origin       {accelerogram.origin or 'not stated'}", width, subsequent_indent=" " * 15),
-        *(textwrap.wrap(told, width, subsequent_indent=" " * 15) if factors else ()),
+        *said("origin", facts["origin"] or "not stated"),
+        *said("station", where),
+        *said("corrected", facts["corrected"]),
+        *said("scale", f"of the model; prototype over model: {factors_text(factors)}" if factors else ""),
         f"  samples      {facts['samples']} every {facts['dt_s']:.6g} s, {facts['duration_s']:.2f} s",
-        f"  peak         {facts['peak_m_s2']:.4f} m/s^2, {largest.velocity_m_s:.4f} m/s",
+        f"  peak         {facts['peak_m_s2']:.4f} m/s^2, {facts['peak_velocity_m_s']:.4f} m/s, "
+        f"{1e3 * found['pgd_m']:.4g} mm",
+        "  intensity    Arias {arias_m_s:.4g} m/s, CAV {cav_m_s:.4g} m/s, Housner {housner_m:.4g} m".format(**found),
+        "  duration     5-75 % {d5_75_s:.4g} s, 5-95 % {d5_95_s:.4g} s; mean period {mean_period_s:.4g} s".format(
+            **found
+        ),
         "  baseline     mean {:g} m/s^2, drift {:g} m/s^2, first sample {:g} m/s^2".format(
             *(rounded(facts[f"{name}_m_s2"]) for name in ("mean", "drift", "first"))
         ),
-        *(textwrap.wrap(f"  doubt        {doubt}", width, subsequent_indent=" " * 15) if doubt else ()),
+        *said("doubt", doubt),
+        *(line for defect in facts["defects"] for line in said("doubt", defect)),
         "  response spectrum, 5 % damping (pseudo-acceleration)",
     ]
     fit = max((width - 15) // 8, 1)
     for first in range(0, len(PERIODS_S), fit):
         some = slice(first, first + fit)
         lines.append("    period s   " + "".join(f"{p:>8g}" for p in list(PERIODS_S)[some]))
-        lines.append("    m/s^2      " + "".join(f"{v:>8.3f}" for v in accel_m_s2[some]))
-    return facts, "\n".join(lines) + "\n"
+        lines.append("    m/s^2      " + "".join(f"{v:>8.3f}" for v in facts["pseudo_accel_m_s2"][some]))
+    return "\n".join(lines) + "\n"
 
 
 def _doubt(path: Path, record: Accelerogram) -> str:
@@ -201,6 +238,10 @@ def _doubt(path: Path, record: Accelerogram) -> str:
     found = baseline_of(record, lambda accel: motion(accel).displacement_m)
     told = told_of(found, path.stem, CORNER_HZ, path.name) if found else None
     return start_fault(filtered, record, found, told) or str(told or "")
+
+
+def _defects(path: Path, record: Accelerogram) -> list[str]:
+    return [str(each).removeprefix("record: ") for each in defects(record, path.stem)]
 
 
 def _facts(name: str, record: Accelerogram) -> dict[str, Any]:

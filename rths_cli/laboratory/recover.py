@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import ValidationError
 
+from rths_cli.analysis.intensity import integrate
 from rths_cli.analysis.references import reference_of
 from rths_cli.case.case_schema import Case
 from rths_cli.case.named_files import find
@@ -18,7 +19,7 @@ from rths_cli.case.yaml_reader import Source, parse, plain
 from rths_cli.control.interface import Logged
 from rths_cli.errors import InputError
 from rths_cli.experiment import result_contents, run_metrics
-from rths_cli.experiment.ground_motion import GroundMotion, integrate
+from rths_cli.experiment.ground_motion import GroundMotion
 from rths_cli.experiment.one_table_run import TABLE_RUNS, RunKind, metrics_of_record, run_of
 from rths_cli.experiment.run_case import write_run
 from rths_cli.experiment.run_signals import Expected, as_read

@@ -77,8 +77,20 @@ OF_FILE = (
     AttributeDeclaration(
         "record_baseline",
         "text",
-        "what was removed from the record: mean, linear or none",
+        "what was removed from the record: mean, linear, polynomial, step or none",
         present="only where the case states record.baseline",
+    ),
+    AttributeDeclaration(
+        "record_component",
+        "text",
+        "the component of the record's file, as the case names it",
+        present="only where the case states record.component",
+    ),
+    AttributeDeclaration(
+        "record_treatment",
+        "text",
+        "what was done to the record before it was scaled, in its order and with its figures, separated by semicolons",
+        present="only where something was done",
     ),
     AttributeDeclaration("rig", "text", "name of the rig"),
     AttributeDeclaration("rig_kind", "text", "virtual, udp, ni, or the kind of a package"),

@@ -13,7 +13,9 @@ from click.testing import CliRunner
 from rths_cli.case.resolve import read_settings
 from rths_cli.cli import cli
 from rths_cli.errors import InputError
-from rths_cli.files.accelerograms import at2_header, bracketed, read_accelerogram
+from rths_cli.files.accelerograms import read_accelerogram
+from rths_cli.files.accelerograms.peer import at2_header
+from rths_cli.files.accelerograms.record import bracketed
 from rths_cli.files.measured_data import read_recording
 from rths_cli.files.measured_data.text_tables import interval_in_line
 from rths_cli.safe_text import csv_cell

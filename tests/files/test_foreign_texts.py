@@ -102,11 +102,18 @@ def test_several_values_a_line_are_not_to_be_completed_or_removed(tmp_path: Path
     assert "write one value a line" in told and "remove" not in told
 
 
-def test_text_above_the_figures_of_a_record_is_placed(tmp_path: Path) -> None:
-    told = refusal(tmp_path / "a.txt", read_accelerogram, "Made here\nby: us\n\nTime [s]\tAcc [g]\n0 0\n0.1 1\n0.2 0\n")
-    assert told.startswith(":2: text above the figures, which begin in line 5")
-    told = refusal(tmp_path / "a.txt", read_accelerogram, "Time (s)  Acc (g)  Vel (cm/s)\n0 0 1\n0.1 1 2\n0.2 0 3\n")
-    assert told.startswith(":2: 3 columns below text; give one (acceleration) or two")
+def test_text_above_the_figures_of_a_record_is_skipped_and_its_columns_are_chosen_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    for text in (
+        "Made here\nby: us\n\nTime [s]\tAcc [g]\n0 0\n0.1 1\n0.2 0\n",
+        "Time (s)  Acc (g)  Vel (cm/s)\n0 0 1\n0.1 1 2\n0.2 0 3\n",
+    ):
+        path.write_text(text)
+        assert read_accelerogram(path).accel_m_s2 == pytest.approx([0.0, 9.80665, 0.0])
+    told = refusal(path, read_accelerogram, "Made here by us\n0 0\n0.1 1\n0.2 0\n")
+    assert told.startswith(":1: text above the figures, which begin in line 2")
+    told = refusal(path, read_accelerogram, "Time (s)  Vel (cm/s)  Disp (cm)\n0 0 1\n0.1 1 2\n0.2 0 3\n")
+    assert told.startswith(":1: none of the columns (Time (s), Vel (cm/s), Disp (cm)) is an acceleration")
 
 
 @pytest.mark.parametrize(("unit", "in_m_s2"), [("mg", 9.80665e-3), ("%g", 9.80665e-2), ("ft/sec2", 0.3048)])

@@ -23,7 +23,7 @@ LICENCES = {  # SPDX identifiers; of several, those of the Python code
     "import-linter": "BSD-2-Clause", "jsonschema": "MIT", "kiwisolver": "BSD-3-Clause",
     "llvmlite": "BSD-2-Clause AND Apache-2.0", "markdown-it-py": "MIT", "matplotlib": "PSF-2.0",
     "mdurl": "MIT", "mkdocs": "BSD-2-Clause", "mypy": "MIT", "nidaqmx": "MIT", "nptdms": "LGPL-3.0-only",
-    "numba": "BSD-2-Clause",
+    "obspy": "LGPL-3.0-only", "numba": "BSD-2-Clause",
     "numpy": "BSD-3-Clause", "packaging": "Apache-2.0 OR BSD-2-Clause", "pillow": "MIT-CMU", "playwright": "Apache-2.0",
     "pyarrow": "Apache-2.0", "pydantic": "MIT", "pydantic-core": "MIT",
     "pygments": "BSD-2-Clause", "pyparsing": "MIT", "pytest": "MIT",
@@ -64,8 +64,8 @@ of these pages.
 
 {optional}
 
-`nptdms` is under the LGPL. `rths` imports it where a user has installed it, contains nothing of it and works without
-it, which the LGPL permits to programs of any licence. Nothing under the GPL or AGPL is imported.
+`nptdms` and `obspy` are under the LGPL. `rths` imports them where a user has installed them, contains nothing of them
+and works without them, which the LGPL permits to programs of any licence. Nothing under the GPL or AGPL is imported.
 
 ## In the package
 

@@ -11,7 +11,7 @@ from docs_licences import LICENCES, SOMETIMES, declared, families, installed_req
 
 ROOT = Path(__file__).parents[2]
 COPYLEFT = {"GPL", "AGPL"}
-JUDGED = {"nptdms": "LGPL"}  # optional, and judged on the page
+JUDGED = {"nptdms": "LGPL", "obspy": "LGPL"}  # optional, and judged on the page
 
 
 def is_installed(name: str) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from rths_cli.files.accelerograms import AMBIGUOUS, find_unit
+from rths_cli.files.acceleration_units import AMBIGUOUS, find_unit
 from rths_cli.numerics.constants import FACTORS as OF_QUANTITY
 
 FACTORS: dict[str, tuple[float, str]] = {

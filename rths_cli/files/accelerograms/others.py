@@ -1,0 +1,40 @@
+"""Formats of records that are known by their content and not read: their names, and the way to convert them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+CONVERT = "convert it to CSV (time_s,accel_m_s2); gmprocess (USGS) reads it"
+_TEXTS = (
+    (r"^[0-4] +(UNCORRECTED|CORRECTED|VELOCITY|DISPLACEMENT|RESPONSE|RAW|ACCELERATION)", "an SMC file (USGS)"),
+    (r"^(un)?corrected accelerogram .*GNS Science", "a GeoNet file (New Zealand)"),
+    (r"^strong ground motion records of turki?y?e?", "a file of the Turkish network (AFAD, older layout)"),
+    (r"^#Earthquake Information", "a file of CWB (Taiwan)"),
+    (r"^\* VOL1DS FILE", "a file of BHRC (Iran)"),
+)  # fmt: skip
+_V3 = re.compile(r"response and fourier amplitude spectra|response spectra", re.IGNORECASE)
+
+
+def named(lines: Sequence[str]) -> str:
+    """Return what a text is that has to be converted, as the end of a sentence; "" for any other."""
+    first = next((line for line in lines[:5] if line.strip()), "")
+    if _V3.search(first) and not first.startswith("#"):
+        return (
+            "is a file of spectra (V3), which holds no acceleration history; give the corrected record (V2) of the "
+            "same station"
+        )
+    for pattern, name in _TEXTS:
+        if re.search(pattern, first.strip(), re.IGNORECASE):
+            return f"is {name}; {CONVERT}"
+    return ""
+
+
+def named_binary(data: bytes) -> str:
+    """Return what binary data are that have to be converted, as the end of a sentence."""
+    if data.startswith(b"\x89HDF") and b"Waveforms" in data and b"ASDF" in data:
+        return (
+            "is an ASDF file; write the wanted trace as CSV (time_s,accel_m_s2) with pyasdf or gmprocess (USGS), or as "
+            "miniSEED"
+        )
+    return "is a binary file; convert the accelerogram to CSV (time_s,accel_m_s2)"

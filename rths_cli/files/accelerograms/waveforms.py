@@ -1,0 +1,106 @@
+"""SAC and miniSEED files through obspy, where it is installed; their figures have the unit that the case states."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import struct
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.accelerograms.record import Channel, Header, Stated, check_moves, component_names
+from rths_cli.files.sandboxed_reading import read_in_copy
+from rths_cli.numerics.lti import Array
+
+_MINISEED = re.compile(rb"\d{6}[DRQM] ")
+_MINISEED_3 = re.compile(rb"MS\x03")
+_SAC_VERSION_AT = 304  # byte of the header's number 76
+_SAC_VERSIONS = (6, 7)
+_SAC_HEADER = 632
+_SAC_UNKNOWN = -12345.0
+
+
+def kind_of(data: bytes) -> str:
+    """Return `miniSEED` or `SAC` for data of that format, "" for any other."""
+    if _MINISEED.match(data) or _MINISEED_3.match(data):
+        return "miniSEED"
+    if len(data) > _SAC_HEADER:
+        found = {struct.unpack_from(order + "i", data, _SAC_VERSION_AT)[0] for order in "<>"}
+        if found & set(_SAC_VERSIONS):
+            return "SAC"
+    return ""
+
+
+@dataclass(frozen=True)
+class _Trace:
+    """One trace of a file as obspy reads it: figures (n,), how many of them are missing, and what its header states."""
+
+    name: str
+    station: str
+    channel: str
+    dt_s: float
+    figures: Array
+    missing: int
+    peak: float | None
+
+
+def read(path: Path, data: bytes, kind: str) -> list[Channel]:
+    """Return the channels of a SAC or miniSEED file, their unit not stated.
+
+    Raises InputError without obspy, for data that it cannot read, and for gaps.
+    """
+    if find_spec("obspy") is None:
+        raise InputError(
+            f"{path}: is a {kind} file; install obspy to read it (pip install 'rths-cli[obspy]'), or convert it to CSV "
+            "(time_s,accel_m_s2)"
+        )
+    try:
+        traces = read_in_copy(lambda: _traces(data, kind))
+    except ValueError:
+        raise InputError(
+            f"{path}: cannot be read as {kind}; it is cut or damaged, take it from its source again"
+        ) from None
+    return [_channel(path, trace, kind) for trace in traces]
+
+
+def _traces(data: bytes, kind: str) -> list[_Trace]:
+    """Return the traces of a file, those of one channel joined."""
+    import obspy
+
+    stream = obspy.read(io.BytesIO(data), format="MSEED" if kind == "miniSEED" else "SAC")
+    stream.merge()
+    return [_trace(each) for each in stream]
+
+
+def _trace(trace: Any) -> _Trace:
+    stats, known = trace.stats, trace.stats.get("sac", {})
+    ends = [abs(float(known[key])) for key in ("depmin", "depmax") if known.get(key, _SAC_UNKNOWN) != _SAC_UNKNOWN]
+    return _Trace(
+        f"{trace.id}, {stats.starttime}",
+        f"{stats.network}.{stats.station}".strip("."),
+        stats.channel,
+        float(f"{stats.delta:.9g}"),
+        np.asarray(np.ma.getdata(trace.data), dtype=float),
+        int(np.ma.getmaskarray(trace.data).sum()),
+        max(ends) if len(ends) == 2 and max(ends) > 0.0 else None,
+    )
+
+
+def _channel(path: Path, trace: _Trace, kind: str) -> Channel:
+    if trace.missing:
+        raise InputError(
+            f"{path}: {trace.name} has gaps of {trace.missing} samples; mend the record, or cut it at the gap"
+        )
+    if not np.isfinite(trace.figures).all() or not math.isfinite(trace.dt_s):
+        raise InputError(f"{path}: {trace.name} holds values that are not finite; mend or cut the record")
+    check_moves(path, trace.figures)
+    header = Header(kind, title=trace.name, dt_s=trace.dt_s, samples=trace.figures.size)
+    names = component_names(trace.channel) if trace.channel else ()
+    stated = None if trace.peak is None else Stated(trace.peak, 0.0, 0)
+    return Channel(header, trace.figures, lambda _: 0, trace.station, names, "", stated)

@@ -68,12 +68,15 @@ class Column:
     """One series of a file: its name, its figures (n,), and the unit stated beside the name, "" if none.
 
     `start_s`: when its first sample was taken, in s on a clock that all channels share; None where nothing states it.
+    `dt_s`: its own interval in s; `time`: its own time column. Both None where those of the file apply.
     """
 
     name: str
     values: Array
     unit: str = ""
     start_s: float | None = None
+    dt_s: float | None = None
+    time: Column | None = None
 
 
 @dataclass(frozen=True)
@@ -346,7 +349,7 @@ def read_clock(path: Path, contents: Contents, column: Column) -> Clock:
             f"at most {JITTER:g} is allowed; {_ADVICE}"
         )
     uncertainty = 2.0 * float(off[worst]) / float(index[-1])
-    dt_s = _simplest(step * factor, max(uncertainty, 1e-11))
+    dt_s = simplest(step * factor, max(uncertainty, 1e-11))
     return Clock(dt_s, uncertainty, index.astype(np.int64), _notes(column.name, off[worst], dt_s, index))
 
 
@@ -395,7 +398,7 @@ def _check_steps(path: Path, contents: Contents, name: str, steps: Array) -> Non
         )
 
 
-def _simplest(dt_s: float, tolerance: float) -> float:
+def simplest(dt_s: float, tolerance: float) -> float:
     """Return the interval with the fewest digits, in s or as a rate in Hz, within a relative tolerance."""
     for digits in range(1, 17):
         for near in (float(f"{dt_s:.{digits}g}"), 1.0 / float(f"{1.0 / dt_s:.{digits}g}")):

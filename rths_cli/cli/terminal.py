@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 PLAIN_S = 5.0  # between two lines where output is no terminal
 
 COLOURS = {
-    "green": ("GOOD", "good", "safe", "accepted", "yes"),
-    "yellow": ("USABLE", "usable", "unsafe", "NOT ACCEPTED", "BUT"),
+    "green": ("GOOD", "good", "safe", "accepted", "yes", "readable"),
+    "yellow": ("USABLE", "usable", "unsafe", "NOT ACCEPTED", "BUT", "doubtful"),
     "red": ("POOR", "poor", "REFUSED", "ABORTED", "FAILED", "INTERRUPTED", "unstable", "rejected", "no"),
 }
 """Verdicts by colour."""

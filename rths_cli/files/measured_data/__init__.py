@@ -32,11 +32,11 @@ from rths_cli.files.measured_data.recording import (
     shifts,
 )
 from rths_cli.files.measured_data.time_bases import at_one_rate, with_own_clocks
-from rths_cli.files.measured_data.units import FACTORS, is_time, unit_of
+from rths_cli.files.measured_data.units import FACTORS, is_time, role_of, unit_of
 from rths_cli.numerics.lti import Array
 from rths_cli.safe_text import LONGEST_NAME, shortened
 
-__all__ = ["Chosen", "Recording", "choose", "mend", "missing", "read_recording", "write_recording"]
+__all__ = ["Chosen", "Recording", "choose", "mend", "missing", "read_recording", "role_of", "write_recording"]
 
 MAX_BYTES = 1_000_000_000
 LEAST_SAMPLES = 3
@@ -75,6 +75,7 @@ def read_recording(path: Path, dt_s: float | None = None) -> Recording:
         faults += fault.faults
     if faults:
         raise InputError(*faults)
+    starts, steps = tuple(c.start_s for c in columns), tuple(c.dt_s for c in columns)
     columns, lost = _without_lost_scans(columns)
     columns, slowed = at_one_rate(path, columns, interval)
     columns, moved = aligned(path, columns, interval)
@@ -82,7 +83,8 @@ def read_recording(path: Path, dt_s: float | None = None) -> Recording:
     units, doubts = _units(columns, contents.exact)
     notes = (*contents.notes, *(clock.notes if clock else ()), *lost, *slowed, *moved, *doubts, *infinite)
     names = tuple(c.name for c in columns)
-    return Recording(path, hashlib.sha256(data).hexdigest(), interval, names, units, samples, notes)
+    sha256 = hashlib.sha256(data).hexdigest()
+    return Recording(path, sha256, interval, names, units, samples, notes, contents.format, starts, steps)
 
 
 def _time_and_channels(path: Path, contents: Contents) -> tuple[tuple[Column, ...], Column | None, list[str]]:

@@ -45,7 +45,9 @@ def logs_of(path: Path, variables: Mapping[str, Value]) -> Contents | None:
     named = tuple(replace(c, name=f"{log}/{c.name}") if count[c.name] > 1 else c for log, c in columns)
     logs = {log.split("/")[0] for log, _ in columns}
     others = [name for name in variables if name not in logs]
-    return Contents(named, notes=(f"not used beside the logs: {listed(others)}",) if others else ())
+    notes = (f"not used beside the logs: {listed(others)}",) if others else ()
+    desk = any(isinstance(value, dict) and {"X", "Y"} <= value.keys() for value in variables.values())
+    return Contents(named, notes=notes, format=f"MATLAB ({'dSPACE ControlDesk' if desk else 'Simulink'})")
 
 
 def _columns(path: Path, name: str, value: Value) -> Iterator[tuple[str, Column]]:

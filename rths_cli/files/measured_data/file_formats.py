@@ -91,7 +91,8 @@ def _guarded(path: Path, kind: str, data: bytes) -> Contents:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return read_in_copy(lambda: reader(path, data))
+            contents = read_in_copy(lambda: reader(path, data))
+            return replace(contents, format=contents.format or kind)
     except ValueError as error:
         raise InputError(
             f"{path}: is a damaged or truncated {kind} file and cannot be read; export it again"

@@ -135,7 +135,7 @@ def _own(path: Path, file: h5py.File) -> Contents:
         )
     columns = tuple(Column(str(n), row, str(u)) for n, row, u in zip(names, samples, units, strict=True))
     notes = tuple(str(note) for note in json.loads(_text(held(file, "notes"))))
-    return Contents(columns, (("dt_s", float(held(file, "dt_s"))),), notes, exact=True)
+    return Contents(columns, (("dt_s", float(held(file, "dt_s"))),), notes, exact=True, format="recording of rths")
 
 
 def _variables(path: Path, file: h5py.File, group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, Variable]]:

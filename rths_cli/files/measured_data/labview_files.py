@@ -75,7 +75,7 @@ def labview_contents(path: Path, lines: Sequence[str]) -> Contents:
     for segment, before, after in zip(segments[1:], segments, parts[1:], strict=False):
         joined = _joined(told, segments[0], before, segment, joined, after)
     every = [line for segment in segments for line in segment.lines]
-    return Contents(joined, notes=_doubts(told, segments[0]), line_of=lambda row: every[row])
+    return Contents(joined, notes=_doubts(told, segments[0]), line_of=lambda row: every[row], format="LabVIEW .lvm")
 
 
 def _header(lines: Sequence[str], first: int, separator: str) -> tuple[dict[str, list[str]], int]:

@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -52,6 +52,8 @@ class Recording:
 
     `sha256` is that of the file's bytes. `names` (c,) are as in the file, `units` (c,) canonical or "" where not
     known. `samples` (c, n) are in those units, NaN where missing, every `dt_s`. `notes` are sentences for the user.
+    `format` is that of the file; `starts_s`, `steps_s` (c,): start and interval in s as the file states them for each
+    channel alone, None where it does not.
     """
 
     path: Path
@@ -61,6 +63,9 @@ class Recording:
     units: tuple[str, ...]
     samples: Array
     notes: tuple[str, ...] = ()
+    format: str = field(default="", compare=False)
+    starts_s: tuple[float | None, ...] = field(default=(), compare=False)
+    steps_s: tuple[float | None, ...] = field(default=(), compare=False)
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,8 @@ class Contents:
     """What a file holds, before any check: columns (time among them) and stated sampling intervals.
 
     `intervals_s` pairs what states an interval with its value in s. `line_of` returns the line of a row counted from
-    0 where the file has lines. `exact`: the project's own form, whose names and units stand as they are.
+    0 where the file has lines. `exact`: the project's own form, whose names and units stand as they are. `format`: of
+    the file, in words.
     """
 
     columns: tuple[Column, ...]
@@ -92,6 +98,7 @@ class Contents:
     notes: tuple[str, ...] = ()
     line_of: Callable[[int], int] | None = None
     exact: bool = False
+    format: str = ""
 
 
 def place(path: Path, contents: Contents, row: int) -> str:

@@ -72,7 +72,7 @@ def text_contents(path: Path, text: str) -> Contents:
     columns, notes = _with_stamps(columns, stamps)
     columns = [c for c in columns if c.name or not np.isnan(c.values).all()]
     named = [c if c.name else replace(c, name=f"column {k}") for k, c in enumerate(columns, 1)]
-    return Contents(tuple(named), layout.intervals_s, notes, line_of=lambda row: kept[row] + 1)
+    return Contents(tuple(named), layout.intervals_s, notes, line_of=lambda row: kept[row] + 1, format="text")
 
 
 def _one_table(path: Path, lines: list[str], kept: list[int], layout: Layout) -> list[int]:
@@ -117,8 +117,8 @@ def _without_stamps(
         if found is None:
             bad = next(k for k, word in enumerate(words) if stamps_ns([word]) is None)
             raise InputError(
-                f"{path}:{kept[bad] + 1}: column {place + 1} holds dates or times of day, and {words[bad][:40]!r} is "
-                "none (2026-02-03T10:00:00.002, 03.02.2026 10:00:00.002, 10:00:00.002); correct it, or give the time in s"
+                f"{path}:{kept[bad] + 1}: column {place + 1} holds dates or times of day, {words[bad][:40]!r} is none; "
+                "write 2026-02-03T10:00:00.002, 03.02.2026 10:00:00.002 or 10:00:00.002, or the time in s"
             )
         seconds[place] = (found - found[0]) / 1e9
     blank = [(separator or ",").join("" if k in places else c for k, c in enumerate(cells)) for cells in split]

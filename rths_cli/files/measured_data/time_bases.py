@@ -89,25 +89,35 @@ def at_one_rate(path: Path, columns: tuple[Column, ...], dt_s: float) -> tuple[t
     """
     if all(column.dt_s is None or abs(column.dt_s / dt_s - 1.0) <= AGREEMENT for column in columns):
         return columns, ()
-    slowed: list[Column] = []
-    notes: list[str] = []
-    for column in columns:
-        ratio = _ratio(path, column, dt_s)
-        changed = replace(column, start_s=column.start_s or 0.0, dt_s=dt_s)
-        held = _held(column.values, ratio.numerator) if ratio.denominator == 1 else None
-        what = (
-            f"{column.name}: sampled at {1.0 / (column.dt_s or dt_s):.9g} Hz, the slowest channel at {1.0 / dt_s:.9g}"
-        )
-        if ratio == 1:
-            slowed.append(changed)
-        elif held is not None:
-            first = changed.start_s + held * dt_s / ratio.numerator  # type: ignore[operator]
-            slowed.append(replace(changed, values=column.values[held :: ratio.numerator], start_s=first))
-            notes.append(f"{what}; it is held between, one sample of each {ratio.numerator} is taken")
-        else:
-            slowed.append(_decimated(path, changed, ratio))
-            notes.append(f"{what}; taken to that by a low pass without delay, true below {_PASS / 2.0 / dt_s:.4g} Hz")
-    return tuple(slowed), tuple(notes)
+    changed = [_at_rate(path, column, dt_s) for column in columns]
+    most = max(end for _, end, _ in changed)
+    cut = tuple(_cut(column, most - end) for column, end, _ in changed)
+    return cut, tuple(note for _, _, note in changed if note)
+
+
+def _at_rate(path: Path, column: Column, dt_s: float) -> tuple[Column, int, str]:
+    """Return a channel at the slowest interval, how many samples its low pass takes at either end, and a sentence."""
+    ratio = _ratio(path, column, dt_s)
+    own = column.dt_s or dt_s
+    changed = replace(column, start_s=column.start_s or 0.0, dt_s=dt_s)
+    if ratio == 1:
+        return changed, 0, ""
+    told = f"{column.name}: sampled at {1.0 / own:.9g} Hz, the slowest channel at {1.0 / dt_s:.9g}"
+    held = _held(column.values, ratio.numerator) if ratio.denominator == 1 else None
+    if held is not None:
+        first = (column.start_s or 0.0) + held * own
+        picked = replace(changed, values=column.values[held :: ratio.numerator], start_s=first)
+        return picked, 0, f"{told}; it is held between, one sample of each {ratio.numerator} is taken"
+    slowed, end = _decimated(path, changed, ratio)
+    return slowed, end, f"{told}; taken to that by a low pass without delay, true below {_PASS / 2.0 / dt_s:.4g} Hz"
+
+
+def _cut(column: Column, count: int) -> Column:
+    """Return a channel without so many samples at either end."""
+    if not count:
+        return column
+    start = (column.start_s or 0.0) + count * (column.dt_s or 0.0)
+    return replace(column, values=column.values[count:-count], start_s=start)
 
 
 def _ratio(path: Path, column: Column, dt_s: float) -> Fraction:
@@ -129,8 +139,8 @@ def _held(values: Array, every: int) -> int | None:
     return int(places[0]) if changes.size >= _LEAST_CHANGES and places.size == 1 else None
 
 
-def _decimated(path: Path, column: Column, ratio: Fraction) -> Column:
-    """Return a channel at 1/ratio of its rate, without the ends that its low pass does not reach."""
+def _decimated(path: Path, column: Column, ratio: Fraction) -> tuple[Column, int]:
+    """Return a channel at 1/ratio of its rate, without the ends that its low pass does not reach, and their samples."""
     from scipy.signal import firwin, kaiserord, resample_poly
 
     if not np.isfinite(column.values).all():
@@ -144,7 +154,6 @@ def _decimated(path: Path, column: Column, ratio: Fraction) -> Column:
     taps = firwin(2 * half + 1, (1.0 + _PASS) / 2.0 / widest, window=("kaiser", beta))
     values = resample_poly(column.values, ratio.denominator, ratio.numerator, window=taps)
     end = -(-half // ratio.numerator)
-    assert column.dt_s is not None and column.start_s is not None  # stated by `at_one_rate`
     if values.size < 2 * end + 3:
         raise InputError(f"{path}: {column.name} is too short for a low pass of {2 * end} samples; record longer")
-    return replace(column, values=np.asarray(values[end:-end]), start_s=column.start_s + end * column.dt_s)
+    return _cut(replace(column, values=np.asarray(values)), end), end

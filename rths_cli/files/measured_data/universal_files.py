@@ -75,7 +75,7 @@ def universal_contents(path: Path, data: bytes) -> Contents:
     steps = [column.dt_s for column in columns if column.dt_s is not None]
     stated = (("the abscissa increment", max(steps)),) if steps else ()
     notes = (f"not used, because they are no time histories: {listed(skipped)}",) if skipped else ()
-    return Contents(tuple(columns), stated, notes)
+    return Contents(tuple(columns), stated, notes, format="universal file 58")
 
 
 def _line(data: bytes, place: int) -> tuple[bytes, int] | None:

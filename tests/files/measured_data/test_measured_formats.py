@@ -226,7 +226,7 @@ def test_faster_channels_come_to_the_slowest_rate_without_shift_or_alias(tmp_pat
     found = read_recording(tmp_path / "d.mat")
     first = next(k for k in range(60) if abs(found.samples[0, 0] - motion(TIME_S[k : k + 1], 0)[0]) < 1e-9)
     note = " ".join(check(tmp_path / "d.mat", first, atol=1e-3).notes)
-    assert "low pass without delay, true below 400 Hz" in note
+    assert "low pass without delay, true below 400 Hz" in note and "start at different times" not in note
     hum = np.sin(2.0 * np.pi * 900.0 * np.arange(N * 10) * DT_S / 10)  # above half of 1 kHz
     x = [{"Data": TIME_S[None]}, {"Data": np.arange(N * 10)[None] * DT_S / 10}]
     y = [{"Name": "a", "Data": motion(TIME_S, 0)[None], "XIndex": 1}, {"Name": "b", "Data": hum[None], "XIndex": 2}]

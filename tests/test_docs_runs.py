@@ -35,6 +35,7 @@ LEFT_OUT = {
     "tutorial/base_isolated_building.md": ["a part of the shipped file, which tests/case checks"],
     "howto/reading_results.md": ["needs MATLAB"],
     "howto/channels.md": ["a part of a rig file", "needs the rig"],
+    "howto/recordings.md": ["needs a recording of a whole specimen; tests/cli/test_identify.py makes one"],
     "howto/own_law.md": ["a part of a package's pyproject.toml"],
 }
 NEEDS_A_RIG = "moves a rig behind UDP, or measures the machine, in real time; tests/rigs and tests/experiment do"
@@ -75,7 +76,16 @@ def test_the_pages_that_are_run_as_written_are_these() -> None:
     """A block that lost its language would take its page out of them."""
     howto = {
         f"howto/{name}.md"
-        for name in ("calibrate", "channels", "ci", "hardware", "read_the_pages", "reading_results", "write_a_case")
+        for name in (
+            "calibrate",
+            "channels",
+            "ci",
+            "hardware",
+            "read_the_pages",
+            "reading_results",
+            "recordings",
+            "write_a_case",
+        )
     }
     own = {f"howto/own_{name}.md" for name in ("controller", "law", "record", "table")}
     background = {f"background/{name}.md" for name in ("control", "similitude", "substructures")}

@@ -15,7 +15,7 @@ SIGNALS = Signals()
 PARTS = {
     "Run": ("check", "run", "sweep", "merge"),
     "Look": ("report", "export"),
-    "Prepare": ("new", "list", "structure", "records", "schema", "identify"),
+    "Prepare": ("new", "list", "structure", "records", "schema", "data", "identify"),
     "Real rigs": ("doctor", "calibrate", "serve", "recover", "plugin"),
 }
 LONGEST = 200  # characters of the first sentence: all of it, over several lines

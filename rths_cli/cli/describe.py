@@ -1,4 +1,4 @@
-"""`rths list`, `rths new`, `rths records`, `rths schema`, `rths structure`."""
+"""`rths list`, `rths new`, `rths records`, `rths data`, `rths schema`, `rths structure`."""
 
 from __future__ import annotations
 
@@ -181,6 +181,34 @@ def _show_motions(names: Sequence[str], examine: Callable[[str], list[dict[str, 
     else:
         show_page(lambda: text(document(found, faults)))
     return 2 if faults else 0
+
+
+@cli.command()
+@click.argument("file", type=FILE, metavar="FILE")
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=Number(min=0, min_open=True),
+    metavar="HZ",
+    help="Sample rate, where the file does not state it.",
+)
+@json_option
+def data(file: Path, rate_hz: float | None, as_json: bool) -> int:
+    """Show what is understood of a recording before it is used: format, channels, units, rate, starts, faults, and the
+    YAML that names its channels for identify --data.
+
+    Example: rths data short.csv
+    """
+    from rths_cli.files.measured_data import read_recording
+    from rths_cli.report.recording_page import as_data, as_document, judge
+    from rths_cli.report.to_text import text
+
+    judged = judge(read_recording(file, 1.0 / rate_hz if rate_hz else None))
+    if as_json:
+        click.echo(json.dumps(as_data(judged), indent=2))
+    else:
+        show_page(lambda: text(as_document(judged)))
+    return 0
 
 
 @cli.command()

@@ -26,14 +26,15 @@ SAID_S = 5.0  # interval between two lines of progress if stderr is no terminal
     multiple=True,
     metavar="FILE",
     type=FILE,
-    help="Evaluate measured time histories (CSV, .mat, HDF5, TDMS) instead of exciting the rig. Repeatable: averaged.",
+    help="Evaluate measured time histories (see rths data) instead of exciting the rig. Repeatable: averaged.",
 )
 @click.option(
     "--channel",
     "channels",
     multiple=True,
-    metavar="ROLE=NAME[:UNIT]",
-    help="Which channel of the file is what: command, table, floor_2, ...; for instance --channel table=ai0:g.",
+    metavar="ROLE=NAME[:UNIT]|FILE",
+    help="Which channel of the file is what: command, table, floor_2, ...; for instance --channel table=ai0:g; or a "
+    "YAML file as rths data prints it.",
 )
 @click.option(
     "--rate",

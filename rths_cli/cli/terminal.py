@@ -31,21 +31,12 @@ STAGE_S = 1.0  # shortest time between them, where a stage begins
 BEAT_S = 0.5  # between two looks at the status
 
 COLOURS = {
-    "green": ("GOOD", "good", "safe", "accepted", "yes", "HELD", "AS DECLARED", "COMPLETE", "CALIBRATED"),
-    "yellow": ("USABLE", "usable", "unsafe", "NOT ACCEPTED", "BUT", "NOT COMPLETE", "NOTHING MEASURED"),
+    "green": ("GOOD", "good", "safe", "accepted", "yes", "HELD", "AS DECLARED", "COMPLETE", "CALIBRATED", "readable"),
+    "yellow": ("USABLE", "usable", "unsafe", "NOT ACCEPTED", "BUT", "NOT COMPLETE", "NOTHING MEASURED", "doubtful"),
     "red": (
-        "POOR",
-        "poor",
-        "REFUSED",
-        "ABORTED",
-        "FAILED",
-        "INTERRUPTED",
-        "unstable",
-        "rejected",
-        "no",
-        "NOT HELD",
+        "POOR", "poor", "REFUSED", "ABORTED", "FAILED", "INTERRUPTED", "unstable", "rejected", "no", "NOT HELD",
         "NOT AS DECLARED",
-    ),
+    ),  # fmt: skip
 }
 """Verdicts by colour."""
 BAR = 30  # characters of the progress bar

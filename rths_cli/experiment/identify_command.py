@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.case.load import load_cases
+from rths_cli.case.yaml_reader import plain, read_file
 from rths_cli.control import sensor_correction
 from rths_cli.errors import InputError
 from rths_cli.experiment.case_warnings import differences
@@ -61,20 +62,54 @@ class DataRequest:
 
 
 def read_roles(texts: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Return role -> (name, unit) from texts ROLE=NAME or ROLE=NAME:UNIT; raises InputError with all faults."""
+    """Return role -> (name, unit) from texts ROLE=NAME or ROLE=NAME:UNIT, or YAML files; raises InputError with all
+    faults."""
     roles: dict[str, tuple[str, str]] = {}
     faults = []
     for text in texts:
-        role, sign, rest = text.partition("=")
-        name, colon, unit = rest.rpartition(":")
-        if not (sign and role.strip() and rest.strip()):
-            faults.append(f"--channel {text}: must be ROLE=NAME or ROLE=NAME:UNIT, for example --channel table=ai0:g")
-        elif role.strip() in roles:
-            faults.append(f"--channel {text}: {role.strip()} was named before; name each role once")
-        else:
-            roles[role.strip()] = (name.strip(), unit.strip()) if colon else (rest.strip(), "")
+        try:
+            stated = _roles_of_file(Path(text)) if _names_yaml(text) else dict([_role(text)])
+        except InputError as fault:
+            faults += fault.faults
+            continue
+        faults += [f"--channel {text}: {r} was named before; name each role once" for r in stated if r in roles]
+        roles = stated | roles
     if faults:
         raise InputError(*faults)
+    return roles
+
+
+def _names_yaml(text: str) -> bool:
+    return "=" not in text and Path(text).suffix.lower() in (".yaml", ".yml")
+
+
+def _role(text: str) -> tuple[str, tuple[str, str]]:
+    """Return role, name and unit of a text ROLE=NAME[:UNIT]."""
+    role, sign, rest = text.partition("=")
+    name, colon, unit = rest.rpartition(":")
+    if not (sign and role.strip() and rest.strip()):
+        raise InputError(f"--channel {text}: must be ROLE=NAME or ROLE=NAME:UNIT, for example --channel table=ai0:g")
+    return role.strip(), (name.strip(), unit.strip()) if colon else (rest.strip(), "")
+
+
+def _roles_of_file(path: Path) -> dict[str, tuple[str, str]]:
+    """Return the roles of a YAML file, `channels: {table: [ai0, g]}`."""
+    _, node, faults = read_file(path)
+    if faults:
+        raise InputError(*map(str, faults))
+    document = plain(node) if node is not None else None
+    stated = document.get("channels") if isinstance(document, dict) and set(document) == {"channels"} else None
+    if not isinstance(stated, dict) or not stated:
+        raise InputError(f"--channel {path}: must hold channels: {{ROLE: [NAME, UNIT], ...}}, as rths data prints it")
+    roles: dict[str, tuple[str, str]] = {}
+    wrong = []
+    for role, words in stated.items():
+        if isinstance(words, tuple) and len(words) in (1, 2) and all(isinstance(word, str) for word in words):
+            roles[role] = (words[0], words[1] if len(words) == 2 else "")
+        else:
+            wrong.append(f"--channel {path}: {role}: must be [NAME, UNIT] or [NAME], two texts at most")
+    if wrong:
+        raise InputError(*wrong)
     return roles
 
 

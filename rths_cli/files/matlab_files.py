@@ -34,7 +34,7 @@ class MatlabObject:
 
 Value = NDArray[Any] | list[str] | tuple[Any, ...] | dict[str, Any] | MatlabObject | None
 """Numbers in their shape (logical: bool), the rows of a text, the entries of a cell array, the fields of a single
-structure, an object, None for anything else: each entry and field is a Value."""
+structure, the structures of an array of them, an object, None for anything else: each entry and field is a Value."""
 
 
 def is_matlab(head: bytes) -> bool:
@@ -95,8 +95,8 @@ def _value(raw: Any, depth: int = 0) -> Value:
     if not isinstance(raw, np.ndarray) or isinstance(raw, MatlabFunction) or depth > DEEPEST:
         return None
     if raw.dtype.names is not None:
-        single = raw.reshape(-1)[0] if raw.size == 1 else {}
-        return {name: _value(single[name], depth + 1) for name in raw.dtype.names} if raw.size == 1 else None
+        every = [{name: _value(one[name], depth + 1) for name in raw.dtype.names} for one in raw.reshape(-1, order="F")]
+        return every[0] if len(every) == 1 else tuple(every)
     if raw.dtype.kind == "O":
         return tuple(_value(entry, depth + 1) for entry in raw.reshape(-1, order="F"))
     if raw.dtype.kind == "U":
@@ -130,7 +130,8 @@ def hdf5_value(file: h5py.File, node: h5py.Dataset | h5py.Group, depth: int = 0)
     if depth > DEEPEST:
         return None
     if not isinstance(node, h5py.Dataset):
-        return {name: hdf5_value(file, part, depth + 1) for name, part in node.items()}
+        fields = {name: hdf5_value(file, part, depth + 1) for name, part in node.items()}
+        return _structures(node, fields)
     if "MATLAB_empty" in node.attrs:
         return [] if _class_of(node) == "char" else np.zeros((0, 0))
     data: Any = np.transpose(node[()])
@@ -142,6 +143,14 @@ def hdf5_value(file: h5py.File, node: h5py.Dataset | h5py.Group, depth: int = 0)
     if node.dtype.names == ("real", "imag"):
         return np.asarray(data["real"] + 1j * data["imag"])
     return np.asarray(data) if data.dtype.kind in "biufc" else None
+
+
+def _structures(node: h5py.Group, fields: dict[str, Any]) -> Value:
+    """Return a structure, or the structures of an array: there each field is a set of references without a class."""
+    if not fields or any(part.dtype.kind != "O" or "MATLAB_class" in part.attrs
+                         if hasattr(part, "dtype") else True for part in node.values()):  # fmt: skip
+        return fields
+    return tuple(dict(zip(fields, each, strict=True)) for each in zip(*fields.values(), strict=True))
 
 
 def series(value: Value) -> NDArray[Any] | list[str] | None:

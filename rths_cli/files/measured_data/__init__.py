@@ -1,4 +1,4 @@
-"""Measured time histories from files: CSV and text, MATLAB .mat (v5, v7, v7.3), HDF5, TDMS; nothing is guessed.
+"""Measured time histories from files of recorders, controllers and programs: one reader; nothing is guessed.
 
 What is wrong with a file is said in one sentence per fault; what is missing in it is NaN, named by `missing` and,
 where a short gap allows it, bridged by `mend`. `choose` finds the channels an identification needs.
@@ -31,11 +31,12 @@ from rths_cli.files.measured_data.recording import (
     read_clock,
     shifts,
 )
-from rths_cli.files.measured_data.units import FACTORS, is_time, unit_of
+from rths_cli.files.measured_data.time_bases import at_one_rate, with_own_clocks
+from rths_cli.files.measured_data.units import FACTORS, is_time, role_of, unit_of
 from rths_cli.numerics.lti import Array
 from rths_cli.safe_text import LONGEST_NAME, shortened
 
-__all__ = ["Chosen", "Recording", "choose", "mend", "missing", "read_recording", "write_recording"]
+__all__ = ["Chosen", "Recording", "choose", "mend", "missing", "read_recording", "role_of", "write_recording"]
 
 MAX_BYTES = 1_000_000_000
 LEAST_SAMPLES = 3
@@ -44,13 +45,15 @@ LEAST_SAMPLES = 3
 def read_recording(path: Path, dt_s: float | None = None) -> Recording:
     """Read the channels of a file with their units and their interval; `dt_s` in s where the file does not state it.
 
-    Gaps of whole samples in a time column become NaN, as do infinite samples. Raises InputError, with the line of a
+    Gaps of whole samples in a time column become NaN, as do infinite samples. Channels with clocks of their own are
+    brought to one rate and start (`time_bases.at_one_rate`, `recording.aligned`). Raises InputError, with the line of a
     text, for a file that is none of the formats, is damaged, holds channels of unequal length or of starts that cannot
     be brought together, an uneven time, no interval, or one that contradicts `dt_s` by more than 1e-6.
     """
     path = Path(path)
     data = read_whole(path, MAX_BYTES, "a recording", f"give measured time histories: {READ}")
     contents = read_contents(path, data)
+    contents = with_own_clocks(path, contents)
     columns, time, faults = _time_and_channels(path, contents)
     clock: Clock | None = None
     interval = 0.0
@@ -59,7 +62,8 @@ def read_recording(path: Path, dt_s: float | None = None) -> Recording:
             f"{path}: has a time column and states other starts of its channels ({shifts(columns)}); remove what is "
             "not true, or export all channels with one start"
         )
-    if time is not None or not differ(columns):
+    rates = {column.dt_s for column in columns}
+    if time is not None or not (differ(columns) or len(rates) > 1):
         faults += _length_faults(path, columns if time is None else (*columns, time))
     try:
         if time is not None and not faults:
@@ -71,13 +75,16 @@ def read_recording(path: Path, dt_s: float | None = None) -> Recording:
         faults += fault.faults
     if faults:
         raise InputError(*faults)
+    starts, steps = tuple(c.start_s for c in columns), tuple(c.dt_s for c in columns)
     columns, lost = _without_lost_scans(columns)
+    columns, slowed = at_one_rate(path, columns, interval)
     columns, moved = aligned(path, columns, interval)
     samples, infinite = _without_infinite(columns, _spread(np.stack([c.values for c in columns]), clock))
     units, doubts = _units(columns, contents.exact)
-    notes = (*contents.notes, *(clock.notes if clock else ()), *lost, *moved, *doubts, *infinite)
+    notes = (*contents.notes, *(clock.notes if clock else ()), *lost, *slowed, *moved, *doubts, *infinite)
     names = tuple(c.name for c in columns)
-    return Recording(path, hashlib.sha256(data).hexdigest(), interval, names, units, samples, notes)
+    sha256 = hashlib.sha256(data).hexdigest()
+    return Recording(path, sha256, interval, names, units, samples, notes, contents.format, starts, steps)
 
 
 def _time_and_channels(path: Path, contents: Contents) -> tuple[tuple[Column, ...], Column | None, list[str]]:

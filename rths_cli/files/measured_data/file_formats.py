@@ -1,4 +1,4 @@
-"""Recognise the format of a measured file by its content (CSV, MATLAB, HDF5, TDMS) and read it."""
+"""Recognise the format of a measured file by its content and read it."""
 
 from __future__ import annotations
 
@@ -9,25 +9,28 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.matlab_files import is_matlab, series, variables_read_here
+from rths_cli.files.matlab_files import is_matlab, variables_read_here
 from rths_cli.files.measured_data.hdf5_files import hdf5_contents
-from rths_cli.files.measured_data.named_variables import Variable, contents_of
+from rths_cli.files.measured_data.named_variables import Variable, contents_of, matlab_contents
 from rths_cli.files.measured_data.recording import Column, Contents, listed
 from rths_cli.files.measured_data.text_tables import text_contents
+from rths_cli.files.measured_data.universal_files import is_universal, universal_contents
 from rths_cli.files.sandboxed_reading import read_in_copy
 from rths_cli.safe_text import shortened, visible
 
-READ = "CSV or text, MATLAB .mat, HDF5 or TDMS"
+READ = "CSV or text, MATLAB .mat, HDF5, TDMS, LabVIEW .lvm, universal file 58 or .npz"
 _TDMS_SCALES = (
     "Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract", "AdvancedAPI",
 )  # fmt: skip
 _SCALE_TYPE = re.compile(r"NI_Scale\[\d+\]_Scale_Type")
+_LARGEST_UNPACKED = 1_000_000_000  # bytes
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _OTHERS = {
     b"TDSh": "is the index of a TDMS file; give the .tdms file beside it",
@@ -48,6 +51,10 @@ def read_contents(path: Path, data: bytes) -> Contents:
     for magic, what in _OTHERS.items():
         if data.startswith(magic):
             raise InputError(f"{path}: {what}")
+    if data.startswith(b"PK\x03\x04") and b"xl/" not in data and b".npy" in data:
+        return _guarded(path, "NumPy", data)
+    if is_universal(data):
+        return universal_contents(path, data)
     if data.startswith(b"PK\x03\x04"):
         raise InputError(f"{path}: {_zip_kind(data)}")
     if any(data.startswith(_HDF5, offset) for offset in (0, 512, 1024, 2048, 4096)):
@@ -63,8 +70,6 @@ def _zip_kind(data: bytes) -> str:
     """Return what a zip archive is and what to do."""
     if b"xl/" in data:
         return "is an Excel workbook; save the sheet as CSV"
-    if b".npy" in data:
-        return "is a NumPy archive (npz); save CSV or HDF5"
     return "is a zip archive; unpack it and give the file inside"
 
 
@@ -82,11 +87,12 @@ def _decode(path: Path, data: bytes) -> str:
 
 def _guarded(path: Path, kind: str, data: bytes) -> Contents:
     """Read a binary format in a copy of this process; a file on which its library fails becomes one InputError."""
-    reader = {"HDF5": _hdf5, "TDMS": _tdms, "MATLAB": _matlab}[kind]
+    reader = {"HDF5": _hdf5, "TDMS": _tdms, "MATLAB": _matlab, "NumPy": _numpy}[kind]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return read_in_copy(lambda: reader(path, data))
+            contents = read_in_copy(lambda: reader(path, data))
+            return replace(contents, format=contents.format or kind)
     except ValueError as error:
         raise InputError(
             f"{path}: is a damaged or truncated {kind} file and cannot be read; export it again"
@@ -99,11 +105,24 @@ def _hdf5(path: Path, _: bytes) -> Contents:
 
 
 def _matlab(path: Path, _: bytes) -> Contents:
-    """Return the contents of a MATLAB file up to version 7, fields of a structure as `structure/field`."""
+    """Return the contents of a MATLAB file up to version 7."""
+    return matlab_contents(path, variables_read_here(path))
+
+
+def _numpy(path: Path, data: bytes) -> Contents:
+    """Return the contents of a NumPy archive (.npz): each array by its name; pickled ones are not used."""
     variables: dict[str, Variable] = {}
-    for name, value in variables_read_here(path).items():
-        fields = {f"{name}/{key}": each for key, each in value.items()} if isinstance(value, dict) else {name: value}
-        variables |= {key: Variable(series(each)) for key, each in fields.items()}
+    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+        if sum(entry.file_size for entry in archive.zip.infolist()) > _LARGEST_UNPACKED:
+            raise InputError(f"{path}: unpacks to more than {_LARGEST_UNPACKED / 1e9:g} GB; save fewer arrays")
+        for name in archive.files:
+            try:
+                array = archive[name]
+            except ValueError:  # pickled
+                variables[name] = Variable(None)
+                continue
+            texts = [str(text) for text in array.reshape(-1)] if array.dtype.kind in "US" else None
+            variables[name] = Variable(array if array.dtype.kind in "iuf" else texts)
     return contents_of(path, variables)
 
 
@@ -130,11 +149,19 @@ def _tdms(path: Path, data: bytes) -> Contents:
             continue
         stated = {**file.properties, **file[channel.group_name].properties, **channel.properties}
         unit = str(stated.get("unit_string", ""))
-        columns.append(Column(name, values.astype(np.float64), unit, _tdms_start(stated, epoch_s)))
+        column = Column(name, values.astype(np.float64), unit, _tdms_start(stated, epoch_s))
         if "wf_increment" in stated:
             intervals.append((f"wf_increment of {name}", float(stated["wf_increment"])))
+            column = replace(column, dt_s=intervals[-1][1])
+        columns.append(column)
     if not columns:
         raise InputError(f"{path}: holds no channel of numbers; give a TDMS file with measured channels")
+    if (
+        len({step for _, step in intervals}) > 1
+        and len(intervals) == len(columns)
+        and min(s for _, s in intervals) > 0.0
+    ):
+        intervals = [max(intervals, key=lambda stated: stated[1])]  # the slowest rate, to which the others are brought
     notes = [f"not used, because they are no series: {listed(ignored)}"] if ignored else []
     notes += [f"the TDMS file is damaged ({complaint}); what could be read is used" for complaint in complaints[:1]]
     return Contents(tuple(columns), tuple(intervals), tuple(notes))

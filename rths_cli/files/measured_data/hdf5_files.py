@@ -15,8 +15,9 @@ from rths_cli.files.durable_files import make_folder, part_of, publish, stamp
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_opening import RESTORE, Wanted, opened
 from rths_cli.files.hdf5_safety import LayoutError, held, part, values_of
-from rths_cli.files.matlab_files import hdf5_value, series
-from rths_cli.files.measured_data.named_variables import Variable, contents_of
+from rths_cli.files.matlab_files import MatlabObject, Value, hdf5_value, series
+from rths_cli.files.measured_data.controller_logs import logs_of
+from rths_cli.files.measured_data.named_variables import Variable, contents_beside_objects
 from rths_cli.files.measured_data.recording import (
     Column,
     Contents,
@@ -85,9 +86,40 @@ def hdf5_contents(path: Path) -> Contents:
             return _own(path, file)
         if kind.startswith("rths-"):
             raise InputError(f"{path}: is a file of rths ({kind}), not a recording; give measured time histories")
-        variables = dict(_variables(path, file, file))
+        matlab = _structures_and_objects(file)
+        if matlab and (logs := logs_of(path, matlab)) is not None:
+            return logs
+        variables = _by_channel_table(dict(_variables(path, file, file)))
         root = {f"attributes/{key}": Variable(np.asarray(value)) for key, value in _rates(file).items()}
-        return contents_of(path, variables | root)
+        return contents_beside_objects(path, variables | root, matlab)
+
+
+def _by_channel_table(variables: dict[str, Variable]) -> dict[str, Variable]:
+    """Return the variables of a Rattlesnake file with its channels' names: the comments where each channel has its own,
+    else node and direction; other variables as they are. Source: its channel table, one text per channel and column.
+    """
+    table = {key: v.value for key, v in variables.items() if key.startswith("channels/") and isinstance(v.value, list)}
+    nodes = table.get("channels/node_number")
+    if "time_data" not in variables or nodes is None:
+        return variables
+    directions = table.get("channels/node_direction", [""] * len(nodes))
+    comments = [text.strip() for text in table.get("channels/comment", [])]
+    unique = len(comments) == len(nodes) and all(comments) and len(set(comments)) == len(comments)
+    names = comments if unique else [f"{n.strip()} {d.strip()}".strip() for n, d in zip(nodes, directions, strict=True)]
+    units = {"channels/unit": variables["channels/unit"]} if "channels/unit" in variables else {}
+    others = {key: v for key, v in variables.items() if not key.startswith("channels/")}
+    return {**others, "channels/names": Variable(names), **units}
+
+
+def _structures_and_objects(file: h5py.File) -> dict[str, Value]:
+    """Return the structures and the objects of a MATLAB 7.3 file by name."""
+    classes = {name: _text(_held(node, "MATLAB_class", "")) for name, node in file.items()}
+    objects = {name for name, node in file.items() if "MATLAB_object_decode" in node.attrs}
+    return {
+        name: MatlabObject(kind) if name in objects else hdf5_value(file, file[name])
+        for name, kind in classes.items()
+        if kind == "struct" or name in objects
+    }
 
 
 def _own(path: Path, file: h5py.File) -> Contents:
@@ -103,7 +135,7 @@ def _own(path: Path, file: h5py.File) -> Contents:
         )
     columns = tuple(Column(str(n), row, str(u)) for n, row, u in zip(names, samples, units, strict=True))
     notes = tuple(str(note) for note in json.loads(_text(held(file, "notes"))))
-    return Contents(columns, (("dt_s", float(held(file, "dt_s"))),), notes, exact=True)
+    return Contents(columns, (("dt_s", float(held(file, "dt_s"))),), notes, exact=True, format="recording of rths")
 
 
 def _variables(path: Path, file: h5py.File, group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, Variable]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -12,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
+from rths_cli.files.matlab_files import Value, series
+from rths_cli.files.measured_data.controller_logs import logs_of, objects_sentence, with_time_of_matrix
 from rths_cli.files.measured_data.recording import (
     MOST,
     Column,
@@ -21,6 +24,7 @@ from rths_cli.files.measured_data.recording import (
     stated_interval,
     states_start,
 )
+from rths_cli.files.measured_data.units import is_time
 from rths_cli.numerics.lti import Array
 
 _NAMES = {"names", "name", "channels", "channelnames", "labels", "columns"}
@@ -65,7 +69,40 @@ def contents_of(path: Path, variables: Mapping[str, Variable]) -> Contents:
             columns += _started(path, _matrix(path, name, array, texts), starts)
         elif array.size != 1 or stated_interval(_leaf(name), 1.0) is None:
             ignored.append(name)
-    return _without_short(path, columns, intervals, ignored)
+    contents = _without_short(path, columns, intervals, ignored)
+    named = any(isinstance(variable.value, list) for variable in variables.values())
+    if intervals or named or any(c.start_s is not None or is_time(c.name) for c in contents.columns):
+        return contents
+    return with_time_of_matrix(contents)
+
+
+def matlab_contents(path: Path, values: Mapping[str, Value]) -> Contents:
+    """Return what the variables of a MATLAB file hold: logs of controllers, else series, fields as `structure/field`.
+
+    Raises InputError where objects, which only MATLAB reads, leave no channel beside the time.
+    """
+    logs = logs_of(path, values)
+    if logs is not None:
+        return logs
+    variables: dict[str, Variable] = {}
+    for name, value in values.items():
+        fields = {f"{name}/{key}": each for key, each in value.items()} if isinstance(value, dict) else {name: value}
+        variables |= {key: Variable(series(each)) for key, each in fields.items()}
+    return contents_beside_objects(path, variables, values)
+
+
+def contents_beside_objects(path: Path, variables: Mapping[str, Variable], values: Mapping[str, Value]) -> Contents:
+    """Do what `contents_of` does; raise InputError with MATLAB's command where objects leave no channel to read."""
+    sentence = objects_sentence(path, values)
+    try:
+        contents = contents_of(path, variables)
+    except InputError:
+        if sentence:
+            raise InputError(sentence) from None
+        raise
+    if sentence and all(is_time(column.name) for column in contents.columns):
+        raise InputError(sentence)
+    return contents
 
 
 def _is_start(key: str, variable: Variable) -> bool:
@@ -127,8 +164,8 @@ def _floats(array: NDArray[Any]) -> Array:
 
 
 def _leaf(name: str) -> str:
-    """Return the last part of a name such as `recording/table`."""
-    return name.rpartition("/")[2]
+    """Return the last part of a name such as `recording/table`; a slash in brackets belongs to a unit."""
+    return re.split(r"/(?![^(\[]*[)\]])", name)[-1]
 
 
 def _short_names(variables: Mapping[str, Variable]) -> dict[str, str]:

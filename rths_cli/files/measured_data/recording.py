@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -52,6 +52,8 @@ class Recording:
 
     `sha256` is that of the file's bytes. `names` (c,) are as in the file, `units` (c,) canonical or "" where not
     known. `samples` (c, n) are in those units, NaN where missing, every `dt_s`. `notes` are sentences for the user.
+    `format` is that of the file; `starts_s`, `steps_s` (c,): start and interval in s as the file states them for each
+    channel alone, None where it does not.
     """
 
     path: Path
@@ -61,6 +63,9 @@ class Recording:
     units: tuple[str, ...]
     samples: Array
     notes: tuple[str, ...] = ()
+    format: str = field(default="", compare=False)
+    starts_s: tuple[float | None, ...] = field(default=(), compare=False)
+    steps_s: tuple[float | None, ...] = field(default=(), compare=False)
 
 
 @dataclass(frozen=True)
@@ -68,12 +73,15 @@ class Column:
     """One series of a file: its name, its figures (n,), and the unit stated beside the name, "" if none.
 
     `start_s`: when its first sample was taken, in s on a clock that all channels share; None where nothing states it.
+    `dt_s`: its own interval in s; `time`: its own time column. Both None where those of the file apply.
     """
 
     name: str
     values: Array
     unit: str = ""
     start_s: float | None = None
+    dt_s: float | None = None
+    time: Column | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +89,8 @@ class Contents:
     """What a file holds, before any check: columns (time among them) and stated sampling intervals.
 
     `intervals_s` pairs what states an interval with its value in s. `line_of` returns the line of a row counted from
-    0 where the file has lines. `exact`: the project's own form, whose names and units stand as they are.
+    0 where the file has lines. `exact`: the project's own form, whose names and units stand as they are. `format`: of
+    the file, in words.
     """
 
     columns: tuple[Column, ...]
@@ -89,6 +98,7 @@ class Contents:
     notes: tuple[str, ...] = ()
     line_of: Callable[[int], int] | None = None
     exact: bool = False
+    format: str = ""
 
 
 def place(path: Path, contents: Contents, row: int) -> str:
@@ -346,7 +356,7 @@ def read_clock(path: Path, contents: Contents, column: Column) -> Clock:
             f"at most {JITTER:g} is allowed; {_ADVICE}"
         )
     uncertainty = 2.0 * float(off[worst]) / float(index[-1])
-    dt_s = _simplest(step * factor, max(uncertainty, 1e-11))
+    dt_s = simplest(step * factor, max(uncertainty, 1e-11))
     return Clock(dt_s, uncertainty, index.astype(np.int64), _notes(column.name, off[worst], dt_s, index))
 
 
@@ -395,7 +405,7 @@ def _check_steps(path: Path, contents: Contents, name: str, steps: Array) -> Non
         )
 
 
-def _simplest(dt_s: float, tolerance: float) -> float:
+def simplest(dt_s: float, tolerance: float) -> float:
     """Return the interval with the fewest digits, in s or as a rate in Hz, within a relative tolerance."""
     for digits in range(1, 17):
         for near in (float(f"{dt_s:.{digits}g}"), 1.0 / float(f"{1.0 / dt_s:.{digits}g}")):

@@ -13,8 +13,10 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.foreign_texts import format_of, is_date
+from rths_cli.files.measured_data.labview_files import is_labview, labview_contents
 from rths_cli.files.measured_data.recording import Column, Contents, stated_interval, states_start
-from rths_cli.files.measured_data.units import is_unit
+from rths_cli.files.measured_data.time_stamps import stamps_ns
+from rths_cli.files.measured_data.units import is_time, is_unit
 from rths_cli.numerics.lti import Array
 
 MISSING = frozenset({"", "nan", "-", "--", "---", "na", "n/a", "#n/a", "null", "none"})
@@ -52,27 +54,92 @@ def text_contents(path: Path, text: str) -> Contents:
     long = next((k for k, line in enumerate(lines, 1) if len(line) > _LONGEST_LINE), None)
     if long is not None:
         raise InputError(f"{path}:{long}: {len(lines[long - 1])} characters in a line, at most {_LONGEST_LINE}; cut it")
+    if is_labview(lines):
+        return labview_contents(path, lines)
     foreign = format_of(lines)
-    if foreign and not foreign.startswith("is a LabVIEW"):  # which is read where its names fit its columns
+    if foreign:
         raise InputError(f"{path}: {foreign}")
     while lines and not lines[-1].strip(" ,;\t"):
         lines.pop()
     layout = _layout(path, lines)
     kept = [k for k in range(layout.first, len(lines)) if lines[k] and lines[k][0] not in _COMMENT]
-    rows = _one_decimal_mark(path, [lines[k] for k in kept], kept, layout.separator)
+    kept = _one_table(path, lines, kept, layout)
+    rows, stamps = _without_stamps(path, [lines[k] for k in kept], kept, layout.separator)
+    rows = _one_decimal_mark(path, rows, kept, layout.separator)
     _check_lengths(path, rows, kept, layout)
     values = _numbers(path, rows, kept, layout)
     columns = [Column(*each) for each in zip(layout.names, values.T, layout.units, layout.starts_s, strict=True)]
+    columns, notes = _with_stamps(columns, stamps)
     columns = [c for c in columns if c.name or not np.isnan(c.values).all()]
     named = [c if c.name else replace(c, name=f"column {k}") for k, c in enumerate(columns, 1)]
-    return Contents(tuple(named), layout.intervals_s, line_of=lambda row: kept[row] + 1)
+    return Contents(tuple(named), layout.intervals_s, notes, line_of=lambda row: kept[row] + 1, format="text")
+
+
+def _one_table(path: Path, lines: list[str], kept: list[int], layout: Layout) -> list[int]:
+    """Return the rows without repeated heads; raise InputError where another table begins below the rows."""
+    above = {line.strip() for line in lines[: layout.first] if line.strip()}
+    heads = [k for k in kept if lines[k].strip() in above]
+    if heads and not any(map(is_time, layout.names)):
+        raise InputError(
+            f"{path}:{heads[0] + 1}: another block of rows begins here, and no time says how it follows the rows "
+            "above; add a time column, or give each block in a file of its own"
+        )
+    kept = [k for k in kept if lines[k].strip() not in above] if heads else kept
+    for k in kept:
+        cells = _cells(lines[k], layout.separator) if lines[k][:1].isalpha() or lines[k][:1] == '"' else []
+        words = [cell for cell in cells if cell.lower() not in MISSING and not is_date(cell)]
+        if len(words) > 1 and not any(map(_is_number, words)):
+            raise InputError(
+                f"{path}:{k + 1}: another table begins below the rows of the first one ({words[0][:40]!r}, "
+                f"{words[1][:40]!r}); give each table in a file of its own"
+            )
+    return kept
+
+
+def _without_stamps(
+    path: Path, rows: list[str], kept: Sequence[int], separator: str | None
+) -> tuple[list[str], dict[int, Array]]:
+    """Return the rows with empty cells in place of dates and times of day, and the seconds of each such column (n,).
+
+    Raises InputError with the first cell that is none.
+    """
+    first = _cells(rows[0], separator) if separator else []
+    places = [k for k, cell in enumerate(first) if is_date(cell)]
+    if not places:
+        return rows, {}
+    split = [row.split(separator) for row in rows]
+    seconds: dict[int, Array] = {}
+    stamps = {k: [cells[k].strip(" \"'") if k < len(cells) else "" for cells in split] for k in places}
+    if len(places) == 2 and ":" not in first[places[0]]:  # a date, and the time of that day
+        stamps = {places[1]: [" ".join(pair) for pair in zip(*stamps.values(), strict=True)]}
+    for place, words in stamps.items():
+        found = stamps_ns(words)
+        if found is None:
+            bad = next(k for k, word in enumerate(words) if stamps_ns([word]) is None)
+            raise InputError(
+                f"{path}:{kept[bad] + 1}: column {place + 1} holds dates or times of day, {words[bad][:40]!r} is none; "
+                "write 2026-02-03T10:00:00.002, 03.02.2026 10:00:00.002 or 10:00:00.002, or the time in s"
+            )
+        seconds[place] = (found - found[0]) / 1e9
+    blank = [(separator or ",").join("" if k in places else c for k, c in enumerate(cells)) for cells in split]
+    return blank, {place: seconds.get(place, np.zeros(len(rows))) for place in places}
+
+
+def _with_stamps(columns: list[Column], stamps: dict[int, Array]) -> tuple[list[Column], tuple[str, ...]]:
+    """Return the columns with one time in s from the stamps (a date and a time of day are added), and a sentence where
+    they are not used, because the file has another time."""
+    rest = [column for k, column in enumerate(columns) if k not in stamps]
+    if not stamps:
+        return columns, ()
+    if any(is_time(column.name) for column in rest):
+        return rest, ("its dates and times of day are not used, because it has a time column",)
+    time = Column("time (s)", np.sum(list(stamps.values()), axis=0))
+    return [time, *rest], ()
 
 
 def _layout(path: Path, lines: list[str]) -> Layout:
     """Find the first row of numbers and read what stands above it."""
     index = next((k for k, line in enumerate(lines[:_HEADER_LINES]) if _is_row(line)), None)
-    if index is None and (dated := _dated(path, lines)):
-        raise InputError(dated)
     if index is None:
         raise InputError(
             f"{path}: no row of numbers in the first {_HEADER_LINES} lines; give names in the first line, then one row "
@@ -114,23 +181,10 @@ def _starts(line: str, separator: str | None, count: int) -> tuple[float | None,
     return (None, *values, *(None,) * count)[:count] if values and states_start(name) else ()
 
 
-def _dated(path: Path, lines: list[str]) -> str:
-    """Return a sentence on the first row whose cells are numbers but for a date or a time of day, "" without one."""
-    for number, line in enumerate(lines[:_HEADER_LINES], 1):
-        cells = _cells(line, _separator(line))
-        dates = [cell for cell in cells if is_date(cell)]
-        others = [cell for cell in cells if not is_date(cell)]
-        if dates and others and all(map(_is_number, others)):
-            return (
-                f"{path}:{number}: column {cells.index(dates[0]) + 1} holds dates or times of day ({dates[0][:40]!r}); "
-                "give the time in s from the start, or remove the column and give --rate"
-            )
-    return ""
-
-
 def _is_row(line: str) -> bool:
     """Say whether every cell of a line is a number or missing, and one at least is a number."""
-    return not line.lstrip().startswith(_COMMENT) and _all_numbers(_cells(line, _separator(line)))
+    cells = [cell for cell in _cells(line, _separator(line)) if not is_date(cell)]
+    return not line.lstrip().startswith(_COMMENT) and _all_numbers(cells)
 
 
 def _separator(line: str) -> str | None:

@@ -19,7 +19,19 @@ _PER_S2 = re.compile(r"(m|cm|mm|in|ft)[_ ·*.]?s(?:\^|\*\*)?(?:-?2|²|⁻²)", r
 _BRACKETS = re.compile(r"\s*[(\[]([^()\[\]:]*)[)\]]\s*$")  # `data(:,1)` is a column of a matrix
 _SUFFIX = re.compile(r"[_\s]+((?:m|cm|mm|in|ft)[_/]?s\^?2|m?v|m?g|gal)$", re.IGNORECASE)
 _TIME_SUFFIX = re.compile(r"[_\s]+(s|sec|ms|us)$", re.IGNORECASE)
-_TIME_NAMES = {"time", "t", "timestamp", "elapsedtime", "relativetime", "xvalue"}
+_TIME_NAMES = {
+    "time",
+    "t",
+    "timestamp",
+    "elapsedtime",
+    "relativetime",
+    "xvalue",
+    "tout",
+    "zeit",
+    "temps",
+    "tiempo",
+    "tempo",
+}
 _FILLERS = {"accel", "acceleration", "accelerometer", "acc", "abs", "absolute", "measured", "signal"}
 _ALIASES = {"cmd": "command", "drive": "command", "u": "command", "base": "table", "shaketable": "table"}
 _PLACES = {*_ALIASES, *_ALIASES.values(), "floor", "storey", "story"}

@@ -220,8 +220,19 @@ def test_tdms_without_a_rate_takes_the_users(tmp_path: Path) -> None:
     check(read_recording(tmp_path / "made.tdms", dt_s=0.0005), tuple(TDMS))
 
 
-def test_tdms_channels_of_different_rates_are_refused(tmp_path: Path) -> None:
-    write_tdms(tmp_path / "made.tdms", TDMS, [0.0005, 0.001, 0.0005])
+def test_tdms_channels_of_different_rates_come_to_the_slowest(tmp_path: Path) -> None:
+    wave = [
+        np.sin(2.0 * np.pi * 3.0 * np.arange(n) * step) for n, step in ((4000, 0.0005), (2000, 0.001), (4000, 0.0005))
+    ]
+    write_tdms(tmp_path / "made.tdms", dict(zip(TDMS, wave, strict=True)), [0.0005, 0.001, 0.0005])
+    found = read_recording(tmp_path / "made.tdms")
+    assert found.dt_s == 0.001 and "AO0 cmd: sampled at 2000 Hz, the slowest channel at 1000" in found.notes[0]
+    for samples in found.samples:
+        np.testing.assert_allclose(samples, found.samples[1], atol=2e-4)
+
+
+def test_tdms_channels_of_which_some_state_no_rate_are_refused(tmp_path: Path) -> None:
+    write_tdms(tmp_path / "made.tdms", TDMS, [0.0005, 0.001, None])
     assert the_fault(tmp_path / "made.tdms").startswith(
         ": wf_increment of AO0 cmd says 2000 Hz (0.0005 s), wf_increment of Table says 1000 Hz (0.001 s)"
     )

@@ -160,14 +160,6 @@ def rows(path: Path, head: list[str], columns: list[Array], separator: str = ","
     path.write_text("\n".join([*head, *lines]))
 
 
-def test_text_with_a_time_column_per_channel_is_refused_with_the_shift(tmp_path: Path) -> None:
-    time_s = np.arange(N) * DT_S
-    head = ["command time (s),command (V),table time (s),table (m/s^2)"]
-    rows(tmp_path / "d.csv", head, [time_s, motion(time_s, 0), time_s + 0.0015, motion(time_s, 1)])
-    told = refusal(tmp_path / "d.csv")
-    assert "2 time columns that differ" in told and "'table time (s)' starts at 0.0015" in told
-
-
 @pytest.mark.parametrize(("key", "values"), [("X0", "0\t0.0015\t0.0015"), ("Delta_X", "0.0005\t0.0004\t0.0005")])
 def test_text_that_states_other_clocks_than_its_time_is_refused(tmp_path: Path, key: str, values: str) -> None:
     time_s = np.arange(N) * DT_S

@@ -1,0 +1,169 @@
+"""Logs of real-time controllers in MATLAB files: dSPACE ControlDesk, Simulink structures and arrays.
+
+Sources: ControlDesk's measurement export (a structure with X and Y, each an array with Name, Data, Unit, and XIndex of
+Y counted from 1); Simulink's formats "Structure with time", "Structure", "Array" and the To File block (time in row 1).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.matlab_files import MatlabObject, Value
+from rths_cli.files.measured_data.recording import Column, Contents, listed
+from rths_cli.numerics.lti import Array
+
+_EVEN = 1e-3  # of the usual step, by which steps of a time differ at most
+_TIMETABLE = (
+    "S = table2struct(timetable2table({tt}, 'ConvertRowTimes', false), 'ToScalar', true); "
+    "S.time = seconds({tt}.Properties.RowTimes - {tt}.Properties.RowTimes(1)); save('run.mat', '-struct', 'S')"
+)
+_COMMANDS = {
+    "timetable": _TIMETABLE.replace("{tt}", "{name}"),
+    "timeseries": "S = struct('time', {name}.Time, 'channel', squeeze({name}.Data)); save('run.mat', '-struct', 'S')",
+    "Simulink.SimulationData.Dataset": "tt = extractTimetable({name}); " + _TIMETABLE.replace("{tt}", "tt"),
+    "Simulink.SimulationOutput": "tt = extractTimetable({name}.logsout); " + _TIMETABLE.replace("{tt}", "tt"),
+    "table": "S = table2struct({name}, 'ToScalar', true); save('run.mat', '-struct', 'S')",
+}
+
+
+def logs_of(path: Path, variables: Mapping[str, Value]) -> Contents | None:
+    """Return the channels of every log among the variables of a MATLAB file, each with its own time; None without logs.
+
+    Raises InputError for an XIndex without its X, and a channel whose samples do not fit its time.
+    """
+    columns = [column for name, value in variables.items() for column in _columns(path, name, value)]
+    if not columns:
+        return None
+    count = Counter(column.name for _, column in columns)
+    named = tuple(replace(c, name=f"{log}/{c.name}") if count[c.name] > 1 else c for log, c in columns)
+    logs = {log.split("/")[0] for log, _ in columns}
+    others = [name for name in variables if name not in logs]
+    notes = (f"not used beside the logs: {listed(others)}",) if others else ()
+    desk = any(isinstance(value, dict) and {"X", "Y"} <= value.keys() for value in variables.values())
+    return Contents(named, notes=notes, format=f"MATLAB ({'dSPACE ControlDesk' if desk else 'Simulink'})")
+
+
+def _columns(path: Path, name: str, value: Value) -> Iterator[tuple[str, Column]]:
+    """Yield the channels of a structure that is a log, and of those in it, with the log's name."""
+    if not isinstance(value, dict):
+        return
+    if {"X", "Y"} <= value.keys():
+        found = _control_desk(path, name, value)
+    elif {"time", "signals"} <= value.keys():
+        found = _simulink(path, name, value)
+    elif _numbers(value.get("Time")) is not None and _numbers(value.get("Data")) is not None:
+        label = _text(value.get("Name")) or name.rpartition("/")[2]
+        found = _signal(path, name, label, value["Data"], "", _time(value["Time"]))
+    else:
+        for key, part in value.items():
+            yield from _columns(path, f"{name}/{key}", part)
+        return
+    for column in found:
+        yield name, column
+
+
+def _control_desk(path: Path, log: str, value: dict[str, Any]) -> Iterator[Column]:
+    """Yield the channels of a ControlDesk measurement: Y(k) over X(Y(k).XIndex)."""
+    times = _entries(value["X"])
+    for place, one in enumerate(_entries(value["Y"]), 1):
+        stated = _numbers(one.get("XIndex"))
+        index = int(stated[0]) if stated is not None and stated.size else 1
+        if (stated is None and len(times) > 1) or not 1 <= index <= len(times):
+            raise InputError(
+                f"{path}: {log}.Y({place}) states XIndex {'nothing' if stated is None else index}, X has {len(times)} "
+                "entries; export the measurement again"
+            )
+        axis = times[index - 1]
+        time = Column(_text(axis.get("Name")) or "time", _floats(axis.get("Data")), _text(axis.get("Unit")))
+        label = _text(one.get("Name")) or f"Y({place})"
+        yield from _signal(path, log, label, one.get("Data"), _text(one.get("Unit")), replace(time, name="time"))
+
+
+def _simulink(path: Path, log: str, value: dict[str, Any]) -> Iterator[Column]:
+    """Yield the channels of a Simulink structure: signals(k).values (n,), (n, c) or (r, c, n) over time (n,)."""
+    time = _time(value["time"])
+    for place, one in enumerate(_entries(value["signals"]), 1):
+        block = _text(one.get("blockName")).rpartition("/")[2]
+        label = _text(one.get("label")) or block or f"{log.rpartition('/')[2]}.signals({place})"
+        yield from _signal(path, log, label, one.get("values"), "", time)
+
+
+def _signal(path: Path, log: str, label: str, raw: Value, unit: str, time: Column | None) -> Iterator[Column]:
+    """Yield the series of one signal over its time (None: not stated); raise InputError where they do not fit."""
+    if not isinstance(raw, np.ndarray) or raw.dtype.kind not in "biuf" or not raw.size:
+        raise InputError(f"{path}: {log}: the signal {label!r} holds no real numbers; export it again or leave it out")
+    array = np.asarray(raw, dtype=np.float64)
+    count = max(array.shape) if time is None else time.values.size
+    if array.ndim > 2:
+        array = array.reshape(-1, array.shape[-1], order="F").T
+    rows = array.T if array.ndim == 2 and array.shape[0] == count else np.atleast_2d(array)
+    if rows.shape[-1] != count:
+        raise InputError(
+            f"{path}: {log}: the signal {label!r} has {raw.shape} samples, its time has {count}; export it again"
+        )
+    for place, row in enumerate(rows, 1):
+        yield Column(label if len(rows) == 1 else f"{label}(:,{place})", row, unit, time=time)
+
+
+def with_time_of_matrix(contents: Contents) -> Contents:
+    """Return contents whose first series is the time if it is the first of a matrix and rises evenly by less than 1 s,
+    as the To File block of Simulink writes it; a note says so. Return other contents as they are."""
+    first, *others = contents.columns
+    steps = np.diff(first.values)
+    usual = float(np.median(steps)) if steps.size else 0.0
+    if not (others and first.name.endswith("(:,1)") and 0.0 < usual < 1.0):
+        return contents
+    if not np.abs(steps - usual).max() <= _EVEN * usual:
+        return contents
+    note = f"{first.name} rises evenly by {usual:.6g}: taken as the time in s, as Simulink's To File block writes it"
+    return replace(contents, columns=(replace(first, name="time (s)"), *others), notes=(*contents.notes, note))
+
+
+def objects_sentence(path: Path, variables: Mapping[str, Value]) -> str:
+    """Return why objects of MATLAB cannot be read here, with the command that converts the first; "" without any."""
+    objects = {name: value.class_name for name, value in variables.items() if isinstance(value, MatlabObject)}
+    if not objects:
+        return ""
+    name, kind = next(((n, k) for n, k in objects.items() if k in _COMMANDS), next(iter(objects.items())))
+    command = _COMMANDS.get(kind, "S = struct('time', t, 'table', y); save('run.mat', '-struct', 'S')")
+    return (
+        f"{path}: {name} is a MATLAB object ({kind}), which only MATLAB can read; convert it there: "
+        f"{command.replace('{name}', name)}"
+    )
+
+
+def _entries(value: Value) -> list[dict[str, Any]]:
+    """Return the entries of an array of structures, of one or several."""
+    every = value if isinstance(value, tuple) else (value,)
+    return [one for one in every if isinstance(one, dict)]
+
+
+def _text(value: Value) -> str:
+    """Return a text, "" for anything else."""
+    return "".join(value).strip() if isinstance(value, list) else ""
+
+
+def _numbers(value: Value) -> Array | None:
+    """Return real numbers as one series, None for anything else."""
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf":
+        return None
+    return np.asarray(value, dtype=np.float64).reshape(-1)
+
+
+def _floats(value: Value) -> Array:
+    """Return real numbers as one series, an empty one for anything else."""
+    found = _numbers(value)
+    return np.zeros(0) if found is None else found
+
+
+def _time(value: Value) -> Column | None:
+    """Return a time of Simulink in s, None where the structure holds none."""
+    found = _numbers(value)
+    return Column("time", found) if found is not None and found.size else None

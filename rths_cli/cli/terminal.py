@@ -34,9 +34,18 @@ COLOURS = {
     "green": ("GOOD", "good", "safe", "accepted", "yes", "HELD", "AS DECLARED", "COMPLETE", "CALIBRATED", "readable"),
     "yellow": ("USABLE", "usable", "unsafe", "NOT ACCEPTED", "BUT", "NOT COMPLETE", "NOTHING MEASURED", "doubtful"),
     "red": (
-        "POOR", "poor", "REFUSED", "ABORTED", "FAILED", "INTERRUPTED", "unstable", "rejected", "no", "NOT HELD",
+        "POOR",
+        "poor",
+        "REFUSED",
+        "ABORTED",
+        "FAILED",
+        "INTERRUPTED",
+        "unstable",
+        "rejected",
+        "no",
+        "NOT HELD",
         "NOT AS DECLARED",
-    ),  # fmt: skip
+    ),
 }
 """Verdicts by colour."""
 BAR = 30  # characters of the progress bar

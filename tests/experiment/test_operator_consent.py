@@ -143,6 +143,6 @@ def test_a_real_rig_with_a_doubted_number_moves_only_where_the_case_names_it_pla
     assert ("400000 N" in person.shown) == (move == "a person")
     person.shown = ""
     (tmp_path / "key").unlink()  # is told before anybody is asked and anything is measured
-    with pytest.raises(InputError, match="key file .* cannot be read"):
+    with pytest.raises(InputError, match=r"key file .* cannot be read"):
         ask("plausible=[table.limits.force_n]")
     assert person.shown == ""

@@ -1,10 +1,21 @@
-"""The case file, and the compensator with its test, that `rths new` writes."""
+"""The files that `rths new` writes to start from, each valid as it is: case, rig, structure, record, compensator."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+from rths_cli.case.shipped_files import shipped
 from rths_cli.errors import InputError
+
+KINDS = ("case", "rig", "structure", "record", "compensator")
+TRIED_BY = {
+    "case": "rths run {}",
+    "rig": "rths run el_centro_low_ff_fb --set table={}",
+    "structure": "rths structure {}",
+    "record": "rths records {}",
+    "compensator": "rths plugin test {}",
+}
 
 CASE_TEMPLATE = """\
 # A hybrid simulation: five keys name the experiment, everything below them has a default.
@@ -45,9 +56,66 @@ controller: FF+FB              # FF, FF+FB, none (the table as delivered) or a c
 """
 
 
-def case_template() -> str:
-    """Return the text of a commented case file that loads as it is."""
-    return CASE_TEMPLATE
+RIG_TEMPLATE = """\
+# A rig that differs from a shipped one (rths list rigs) in what stands here; rths schema rig lists every key.
+# A table of your own behind a real-time target or a card: rths new rig FILE --like udp_example, or ni_example.
+extends: aps400_virtual
+limits: {stroke_m: 0.07}       # m from the centre; the guard keeps it in every step
+physics: {coulomb_n: 0.9}      # N of friction that the virtual table hides from controllers
+"""
+
+STRUCTURE_TEMPLATE = """\
+# A shear building cut into computed storeys and those that stand on the table, listed from the ground up.
+numerical: {masses_kg: [8.0], stiffness_n_per_m: [8000]}
+experimental: {masses_kg: [7.0, 6.0], stiffness_n_per_m: [7000, 6000], damping_ratios: [0.03, 0.03]}
+interface_experimental_mass_kg: 0.0   # part of the highest computed floor that stands on the table
+damping_levels: {design: {first_mode_ratio: 0.03}}   # of the computed storeys; a case names one: damping: design
+"""
+
+RECORD_HEAD = """\
+# dt: 0.01 s
+# units: m/s^2
+# A pulse of 2 Hz; put your own values here, one a line, or name a file of an agency in the case instead.
+"""
+
+
+def new_files(kind: str, path: Path, like: str | None = None) -> dict[Path, str]:
+    """Return the texts of a file of a kind (one of KINDS) by their paths; `like`: a shipped file to begin with.
+
+    Raises InputError for a path that such a file cannot have, or a name that is not shipped.
+    """
+    if like is not None:
+        text = _shipped_text(kind, like)
+        return {_with_suffix(path, kind, (".yaml", ".yml")): text}
+    if kind == "compensator":
+        return compensator_files(path)
+    if kind == "record":
+        return {_with_suffix(path, kind, (".csv", ".txt")): _record()}
+    texts = {"case": CASE_TEMPLATE, "rig": RIG_TEMPLATE, "structure": STRUCTURE_TEMPLATE}
+    return {path if kind == "case" else _with_suffix(path, kind, (".yaml", ".yml")): texts[kind]}
+
+
+def _with_suffix(path: Path, kind: str, suffixes: tuple[str, ...]) -> Path:
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{path}: a {kind} is a {suffixes[0]} file; name it {path.with_suffix(suffixes[0])}")
+    return path
+
+
+def _shipped_text(kind: str, name: str) -> str:
+    """Return the text of a shipped file without the line that names its schema beside it."""
+    if kind not in ("case", "rig", "structure"):
+        raise InputError(f"--like {name}: is for a case, a rig or a structure; leave it out")
+    folder = shipped(f"{kind}s")
+    known = sorted(path.stem for path in folder.glob("*.yaml"))
+    if name not in known:
+        raise InputError(f"--like {name}: no {kind} of this name is shipped; known: {', '.join(known)}")
+    lines = (folder / f"{name}.yaml").read_text(encoding="utf-8").splitlines(keepends=True)
+    return "".join(line for line in lines if not line.startswith("# yaml-language-server"))
+
+
+def _record() -> str:
+    rows = (math.sin(4.0 * math.pi * k / 100) * math.sin(math.pi * k / 200) ** 2 for k in range(201))
+    return RECORD_HEAD + "".join(f"{value:.6f}\n" for value in rows)
 
 
 COMPENSATOR_TEMPLATE = """\

@@ -79,32 +79,30 @@ def _wrapped(line: str, indent: int) -> str:
 
 
 @cli.command()
-@click.argument("paths", type=FILE, nargs=-1, required=True, metavar="[compensator] FILE")
+@click.argument("words", nargs=-1, required=True, metavar="[KIND] FILE")
+@click.option("--like", metavar="NAME", help="Begin with a shipped case, rig or structure instead (rths list).")
 @json_option
-def new(paths: tuple[Path, ...], as_json: bool) -> int:
-    """Write a commented case file to start from; an existing file is left alone.
+def new(words: tuple[str, ...], like: str | None, as_json: bool) -> int:
+    """Write a commented file to start from, valid as it is; an existing file is left alone.
 
-    With `compensator` before it, FILE becomes a compensator of your own in Python, with a test beside it.
+    KIND: case (the default), rig, structure, record or compensator, which comes with a test.
 
     Example: rths new my_case.yaml
     """
-    from rths_cli.case.template import case_template, compensator_files
+    from rths_cli.case.template import KINDS, TRIED_BY, new_files
     from rths_cli.errors import InputError
     from rths_cli.files.durable_files import write_new
 
-    asked, path = str(paths[0]) == "compensator", paths[-1]
-    if len(paths) != 1 + asked:
-        wanted = "rths new compensator FILE.py" if asked else "rths new FILE, or rths new compensator FILE.py"
-        raise InputError(f"give one file: {wanted}")
-    if not asked:
-        write_new(path, case_template())
-        click.echo(json.dumps({"written": str(path)}) if as_json else f"wrote {path}; try: rths run {path}")
-        return 0
-    texts = compensator_files(path)
+    kind, *names = words if words[0] in KINDS else ("case", *words)
+    if len(names) != 1:
+        raise InputError(f"give one file: rths new {kind} FILE; kinds: {', '.join(KINDS)}")
+    path = Path(names[0])
+    texts = new_files(kind, path, like)
     for one, content in texts.items():
         write_new(one, content)
-    told = f"wrote {' and '.join(map(str, texts))}; try: rths plugin test {path}"
-    click.echo(json.dumps({"written": [str(one) for one in texts]}) if as_json else told)
+    written = [str(one) for one in texts]
+    told = f"wrote {' and '.join(written)}; try: {TRIED_BY[kind].format(path)}"
+    click.echo(json.dumps({"written": written[0] if len(written) == 1 else written}) if as_json else told)
     return 0
 
 

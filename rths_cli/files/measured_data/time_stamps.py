@@ -36,7 +36,8 @@ def stamps_ns(words: Sequence[str]) -> NDArray[np.int64] | None:
         return None
     found = min(tried, key=lambda times: max((abs(b - a) for a, b in pairwise(times)), default=0))
     has_date = matches[0] is not None and bool(matches[0]["y"] or matches[0]["z"])
-    return np.array(found if has_date else _past_midnight(found), dtype=np.int64)
+    found = found if has_date else _past_midnight(found)
+    return np.array(found, dtype=np.int64) if max(map(abs, found), default=0) < 2**63 else None
 
 
 def _ns(match: re.Match[str], day_first: bool) -> int:

@@ -65,7 +65,7 @@ def read_roles(texts: Sequence[str]) -> dict[str, tuple[str, str]]:
     """Return role -> (name, unit) from texts ROLE=NAME or ROLE=NAME:UNIT, or YAML files; raises InputError with all
     faults."""
     roles: dict[str, tuple[str, str]] = {}
-    faults = []
+    faults: list[str] = []
     for text in texts:
         try:
             stated = _roles_of_file(Path(text)) if _names_yaml(text) else dict([_role(text)])

@@ -53,8 +53,9 @@ def judge(recording: Recording) -> JudgedRecording:
     """Return what is known of a recording's channels from their samples (c, n) alone."""
     places = [role_of(name) for name in recording.names]
     roles = [role if _is_role(role) and places.count(role) == 1 else "" for role in places]
-    stuck = _stuck_s(recording.samples, recording.dt_s)
-    channels = tuple(_channel(recording, k, roles[k], stuck[k]) for k in range(len(roles)))
+    with np.errstate(all="ignore"):  # absurd samples overflow
+        stuck = _stuck_s(recording.samples, recording.dt_s)
+        channels = tuple(_channel(recording, k, roles[k], stuck[k]) for k in range(len(roles)))
     return JudgedRecording(recording, channels, _doubts(channels, recording.samples.shape[1]))
 
 

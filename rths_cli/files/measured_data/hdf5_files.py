@@ -159,7 +159,7 @@ def _variable(path: Path, file: h5py.File, node: h5py.Dataset) -> Variable:
 
     kind = _text(_held(node, "MATLAB_class", ""))
     unit = next((_text(_held(node, key, "")) for key in _UNIT_ATTRIBUTES if key in node.attrs), "")
-    if node.shape is None or _held(node, "MATLAB_empty", 0):
+    if node.shape is None or _held(node, "MATLAB_empty", 0) or "MATLAB_object_decode" in node.attrs:
         return Variable(None)
     if kind in ("cell", "char") or h5py.check_ref_dtype(node.dtype) is h5py.Reference:
         texts = series(hdf5_value(file, node))

@@ -202,6 +202,8 @@ def _check_step(told: _File, segment: _Segment, channel: int, x: Array) -> None:
     if step is None or finite.size < 3:
         return
     steps = np.diff(finite)
+    if not np.median(steps) > 0.0:
+        return  # which the clock's reader tells with its line
     usual = float(np.mean(steps[np.abs(steps - np.median(steps)) <= 0.5 * abs(np.median(steps))]))
     digit = 10.0 ** -len(word.lower().partition("e")[0].partition(told.mark)[2])
     power = word.lower().partition("e")[2]

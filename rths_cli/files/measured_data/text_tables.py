@@ -221,7 +221,7 @@ def _check_above(path: Path, above: list[tuple[int, str]], separator: str | None
     number, line = above[-1]
     cells = _cells(line, separator)
     bad = [cell for cell in cells if cell.lower() not in MISSING and not _is_number(cell)]
-    if len(cells) == count and any(_is_number(cell) and cell.lower() not in MISSING for cell in cells):
+    if bad and len(cells) == count and any(_is_number(cell) and cell.lower() not in MISSING for cell in cells):
         raise InputError(f"{path}:{number}: {bad[0][:40]!r} is not a number; correct the cell or leave it empty")
 
 

@@ -113,11 +113,8 @@ def _at_rate(path: Path, column: Column, dt_s: float) -> tuple[Column, int, str]
 
 
 def _cut(column: Column, count: int) -> Column:
-    """Return a channel without so many samples at either end."""
-    if not count:
-        return column
-    start = (column.start_s or 0.0) + count * (column.dt_s or 0.0)
-    return replace(column, values=column.values[count:-count], start_s=start)
+    """Return a channel without so many samples at either end; its start stays, as all channels lose as many."""
+    return replace(column, values=column.values[count : column.values.size - count]) if count else column
 
 
 def _ratio(path: Path, column: Column, dt_s: float) -> Fraction:

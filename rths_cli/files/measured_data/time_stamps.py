@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _DAY_NS, _S_NS = 86_400 * 10**9, 10**9
-_DATE = r"(?:(?P<y>\d{4})[-/.](?P<m>\d\d?)[-/.](?P<d>\d\d?)|(?P<a>\d\d?)(?P<mark>[-/.])(?P<b>\d\d?)[-/.](?P<z>\d{4}))"
+_DATE = r"(?:(?P<y>\d{4})[-/.](?P<m>\d\d?)[-/.](?P<d>\d\d?)|(?P<a>\d\d?)[-/.](?P<b>\d\d?)[-/.](?P<z>\d{4}))"
 _CLOCK = r"(?P<h>\d\d?):(?P<min>\d\d)(?::(?P<s>\d\d))?(?:[.,](?P<f>\d{1,18}))?\s*(?P<half>[AaPp]\.?[Mm]\.?)?"
 _ZONE = r"\s*(?:[Zz]|(?:UTC|GMT)|(?P<sign>[+-])(?P<zh>\d\d):?(?P<zm>\d\d))?"
 _STAMP = re.compile(rf"(?:{_DATE})?(?:(?(y)[T\s]+|(?(a)[T\s]+|)){_CLOCK}{_ZONE})?")
@@ -36,7 +36,8 @@ def stamps_ns(words: Sequence[str]) -> NDArray[np.int64] | None:
         return None
     found = min(tried, key=lambda times: max((abs(b - a) for a, b in pairwise(times)), default=0))
     has_date = matches[0] is not None and bool(matches[0]["y"] or matches[0]["z"])
-    return np.array(found if has_date else _past_midnight(found), dtype=np.int64)
+    found = found if has_date else _past_midnight(found)
+    return np.array(found, dtype=np.int64) if max(map(abs, found), default=0) < 2**63 else None
 
 
 def _ns(match: re.Match[str], day_first: bool) -> int:
@@ -46,8 +47,7 @@ def _ns(match: re.Match[str], day_first: bool) -> int:
     if part["y"]:
         days = date(int(part["y"]), int(part["m"]), int(part["d"])).toordinal()
     elif part["z"]:
-        first = day_first or part["mark"] == "."
-        day, month = (part["a"], part["b"]) if first else (part["b"], part["a"])
+        day, month = (part["a"], part["b"]) if day_first else (part["b"], part["a"])
         days = date(int(part["z"]), int(month), int(day)).toordinal()
     if days:
         days -= date(1970, 1, 1).toordinal()

@@ -3,6 +3,7 @@
 Oracle: a sum of sines, evaluated at the instants at which each channel is sampled.
 """
 
+import struct
 from collections.abc import Callable, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -249,12 +250,31 @@ def test_clocks_that_drift_apart_are_refused(tmp_path: Path) -> None:
     assert "no ratio of whole numbers" in refusal(tmp_path / "d.mat")
 
 
+def dated(path: Path) -> None:
+    """Write two segments whose X values both begin at 0; date and time say how they follow."""
+    labview(path, segments=2)
+    lines, segment = [], 0
+    for line in path.read_text().splitlines():
+        segment += line.startswith("Channels")
+        if segment == 2 and line.startswith("Time"):
+            line = "Time" + "\t10:00:00.3" * 3
+        elif segment == 2 and line.startswith("X0"):
+            line = "X0" + "\t0.0" * 3
+        elif segment == 2 and line[:1].isdigit():
+            x, rest = line.split("\t", 1)
+            line = f"{float(x) - 0.3:.9f}\t{rest}"
+        lines.append(line)
+    path.write_text("\n".join(lines))
+
+
 def test_segments_follow_each_other_or_leave_a_gap(tmp_path: Path) -> None:
     labview(tmp_path / "a.lvm", segments=3)
     check(tmp_path / "a.lvm")
     labview(tmp_path / "b.lvm", segments=3, skipped=7)
     found = read_recording(tmp_path / "b.lvm")
     assert np.flatnonzero(np.isnan(found.samples[0])).tolist() == [*range(200, 207), *range(407, 414)]
+    dated(tmp_path / "e.lvm")
+    assert np.flatnonzero(np.isnan(check(tmp_path / "e.lvm").samples[0])).size == 0
     text = (tmp_path / "a.lvm").read_text()
     (tmp_path / "c.lvm").write_text(text + text[text.index("Channels") :])
     assert "save each segment to a file of its own" in refusal(tmp_path / "c.lvm")
@@ -341,3 +361,48 @@ def test_blocks_of_rows_are_one_where_a_time_says_so(tmp_path: Path) -> None:
     assert ":252: another block of rows begins here, and no time says" in refusal(path)
     path.write_text("\n".join([head, *rows[:250], "mean,x,y,z", *rows[250:]]))
     assert ":252: another table begins" in refusal(path)
+
+
+def objects_in_73(path: Path, class_name: str, name: str, beside: Array | None = None) -> None:
+    with h5py.File(path, "w", userblock_size=512) as file:
+        node = file.create_dataset(name, data=np.array([[0xDD000000, 2, 1, 1, 1, 1]], dtype=np.uint32))
+        node.attrs["MATLAB_class"], node.attrs["MATLAB_object_decode"] = np.bytes_(class_name), np.int32(3)
+        if beside is not None:
+            file["tout"] = beside[None]
+            file["tout"].attrs["MATLAB_class"] = np.bytes_("double")
+
+
+@pytest.mark.parametrize(
+    ("class_name", "command"),
+    [
+        ("Simulink.SimulationData.Dataset", "tt = extractTimetable(logsout); S = table2struct("),
+        ("timetable", "S.time = seconds(logsout.Properties.RowTimes"),
+        ("timeseries", "struct('time', logsout.Time, 'channel', squeeze(logsout.Data))"),
+    ],
+)
+@pytest.mark.parametrize("beside", [None, TIME_S])
+def test_objects_are_refused_with_the_command_that_converts_them(
+    tmp_path: Path, class_name: str, command: str, beside: Array | None
+) -> None:
+    objects_in_73(tmp_path / "d.mat", class_name, "logsout", beside)
+    told = refusal(tmp_path / "d.mat")
+    assert f"logsout is a MATLAB object ({class_name})" in told and command in told and "save('run.mat'" in told
+
+
+def matlab_object(name: bytes, class_name: bytes) -> bytes:
+    """Return the bytes of an object of a newer class as a v5 file holds it (mxOPAQUE_CLASS, 17)."""
+
+    def element(kind: int, data: bytes) -> bytes:
+        return struct.pack("<II", kind, len(data)) + data + b"\0" * (-len(data) % 8)
+
+    flags = element(6, struct.pack("<II", 13, 0)) + element(5, struct.pack("<ii", 6, 1)) + element(1, b"")
+    inner = element(14, flags + element(6, struct.pack("<6I", 0xDD000000, 2, 1, 1, 1, 1)))
+    texts = b"".join(element(1, text) for text in (name, b"MCOS", class_name))
+    return element(14, element(6, struct.pack("<II", 17, 0)) + texts + inner)
+
+
+def test_objects_of_older_files_are_refused_with_the_command(tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "d.mat", {"tout": TIME_S[:, None]})
+    path = tmp_path / "d.mat"
+    path.write_bytes(path.read_bytes() + matlab_object(b"logsout", b"Simulink.SimulationData.Dataset"))
+    assert "tt = extractTimetable(logsout)" in refusal(path)

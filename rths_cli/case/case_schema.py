@@ -76,7 +76,7 @@ class ControllerSpec(Strict):
     wanted: ClassVar[str] = "a name or a mapping"
 
     kind: Literal["FF", "FF+FB", "none"] = Field(
-        description="feedforward, feedforward and feedback, or the table as delivered"
+        description="feedforward, feedforward and feedback, the table as delivered, or the kind of a compensator"
     )
     feedback_bandwidth_hz: Annotated[float, Range(gt=0, le=1000)] | None = Field(
         default=None, description="default, and most: two thirds of the identified band"

@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from rths_cli.case.case_schema import CaseKeys, ReferenceSpec, StructureSpec
+from rths_cli.case.compensator_schema import built_in_compensators
 from rths_cli.case.rig_schema import KINDS, AnyRig, PluginRigSpec, RigSpec
 from rths_cli.case.study_schema import StudyKeys
 
@@ -67,7 +68,7 @@ def _allow_names(case: dict[str, Any], definitions: dict[str, Any]) -> None:
     readings: dict[str, list[Any]] = {
         "structure": [NAME, _with_extends(definitions["StructureSpec"], definitions)],
         "table": [NAME, _any_rig(definitions)],
-        "controller": [kinds, NAME, *properties["controller"]["anyOf"]],
+        "controller": [kinds, {"enum": list(built_in_compensators())}, *properties["controller"]["anyOf"]],
     }
     for key in ("damping", "record", "reference"):
         _allow_name(properties, key)

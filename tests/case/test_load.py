@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from rths_cli.case.case_schema import Case
+from rths_cli.case.compensator_schema import compensator_kinds
 from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.case.shipped_files import shipped
 from rths_cli.errors import InputError
@@ -59,12 +60,13 @@ def test_every_fault_of_every_file_comes_at_once_with_its_place(write) -> None:
     with pytest.raises(InputError) as caught:
         load_cases([first, second, "c.yaml", "seed=1"], ["nothing"])
     known = "known: accept, base_shear_uncertainty, check"
+    *kinds, last = compensator_kinds()
     assert [fault.partition(known)[0] for fault in caught.value.faults] == [
         "--set nothing: must be key=value, for example --set table.physics.coulomb_n=0.9",
         "a.yaml:1:12: structure: no structure is called 'three_stoery'; did you mean three_storey or "
         "three_storey_bare?",
         "a.yaml:4:10: scaling: must be > 0 and <= 100, got -1; a factor on the record, 1 plays it as it is",
-        "a.yaml:5:13: controller: must be FF, FF+FB, none, ",
+        f"a.yaml:5:13: controller: must be FF, FF+FB, none, {', '.join(kinds)} or {last}, got 'FF+BF'",
         "a.yaml:6:1: colour: unknown key; ",
         "a.yaml:7:10: delay_s: must be a number, got 'yes'; in s",
         "a.yaml:8:1: scaling: repeated key, first at line 4; keep one",

@@ -70,7 +70,7 @@ def case_page() -> str:
     """Return the page of case files, with the structure and reference files that a case names."""
     tables = [
         ("The case", _rows(CaseKeys, "", skip=("structure", "table", "reference"))),
-        ("`controller` that is a compensator", [*_rows(CompensatorSpec, "controller."), *_option_rows()]),
+        ("`controller` that is a compensator", [*list(_rows(CompensatorSpec, "controller."))[1:], *_option_rows()]),
         ("`structure`, and a structure file", _rows(StructureSpec, "structure.", skip=("structure.numerical.law",))),
         ("`reference`, and a reference file", _rows(ReferenceSpec, "reference.")),
     ]
@@ -83,7 +83,7 @@ def _option_rows() -> Iterator[Row]:
         for name, option in definition_of(kind).options.items():
             default = "" if option.default is None else f"default {option.default:g}"
             limits = f"number [{option.least:g}, {option.most:g}]"
-            yield f"`controller.{name}` of kind `{kind}`", limits, default, option.what
+            yield f"kind `{kind}`: `{name}`", limits, default, option.what
 
 
 def law_page() -> str:

@@ -143,7 +143,7 @@ def fate_of(slip: Slip, written: WrittenCase, shared: SharedValues) -> Fate:
     told = tuple(one.sentence for one in found)
     if any(_names(key, slip) for one in found for key in (one.key, *one.others)):
         return Fate(slip, "doubted", told)
-    warned = tuple(note for note in _warnings(setup) if slip.key in note)
+    warned = tuple(text for note in _warnings(setup) if slip.key in (text := str(note)))
     if warned:
         return Fate(slip, "warned", warned)
     return Fate(slip, "doubted elsewhere" if found else "silent", told)

@@ -83,9 +83,15 @@ def test_pages_that_moved_are_reached_by_their_old_path() -> None:
 
 def test_every_page_stands_in_a_section() -> None:
     sections = {"tutorial", "howto", "reference", "background", "decisions"}
-    assert {page.name for page in DOCS.iterdir() if page.is_dir()} == sections
+    assert {page.name for page in DOCS.iterdir() if page.is_dir()} == sections | {"images"}
     flat = {page.name for page in DOCS.glob("*.md") if not page.is_symlink()}
     assert flat <= {"index.md", "changelog.md", "contributing.md", "security.md"}
+
+
+def test_every_picture_is_shown_on_a_page() -> None:
+    told = "".join(page.read_text(encoding="utf-8") for page in [*PAGES, DOCS.parent / "README.md"])
+    pictures = [picture.name for picture in (DOCS / "images").iterdir()]
+    assert pictures and all(f"images/{name})" in told for name in pictures)
 
 
 def test_every_page_begins_with_what_it_is_for() -> None:

@@ -239,6 +239,7 @@ def test_a_case_that_is_not_safe_is_judged_so() -> None:
     judged = rths_cli.check(CASE, settings={"scaling": 0.95})
     assert (judged.verdict, judged.safe) == ("unsafe", False) and "displacement" in judged.reasons[0]
     assert judged.metrics["check.peak_displacement_m"] > 0.07 and judged.metrics["check.largest_scaling"] < 0.95
+    assert judged.findings[0]["text"] == judged.reasons[0] and judged.findings[0]["values"]
 
 
 def test_progress_is_told() -> None:

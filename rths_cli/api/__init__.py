@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from rths_cli.api.results import CheckResult, Group, ModelResult, RunResult
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
+from rths_cli.findings import as_data
 from rths_cli.numerics.compiler_messages import announce
 from rths_cli.quantities import METRICS, intervals_of
 from rths_cli.quantities.datasets import KEPT_SERIES
@@ -143,6 +144,7 @@ def check(
         units={path: METRICS[path].units for path in found.metrics},
         definitions={path: METRICS[path].definition for path in found.metrics},
         intervals=intervals_of(found.metrics),
+        findings=tuple(as_data(one) for one in (*found.refusals, *found.notes, *found.of_guard)),
     )
 
 

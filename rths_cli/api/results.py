@@ -313,7 +313,7 @@ class RunResult:
 class CheckResult:
     """What is known of a case before anything moves: `verdict` safe, unsafe or unstable, why not safe, what else to
     know; the predicted figures, their units and definitions by path (`check.critical_delay_s`), and the intervals of
-    those that carry one."""
+    those that carry one. `findings`: reasons and warnings as data, as in `rths check --json`."""
 
     verdict: str
     reasons: tuple[str, ...]
@@ -322,6 +322,7 @@ class CheckResult:
     units: Mapping[str, str]
     definitions: Mapping[str, str]
     intervals: Mapping[str, Interval] = field(default_factory=dict)
+    findings: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def safe(self) -> bool:

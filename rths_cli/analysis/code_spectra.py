@@ -29,8 +29,9 @@ def ec8(periods_s: Array, ground: str, ag_m_s2: float, kind: int = 1, damping_ra
     t = np.asarray(periods_s, dtype=float)
     flat = 2.5 * eta
     shape = np.where(t < tb, 1.0 + t / tb * (flat - 1.0), flat)
-    shape = np.where(t > tc, flat * tc / t, shape)
-    shape = np.where(t > td, flat * tc * td / t**2, shape)
+    with np.errstate(divide="ignore"):  # at t = 0, which takes the first branch
+        shape = np.where(t > tc, flat * tc / t, shape)
+        shape = np.where(t > td, flat * tc * td / t**2, shape)
     return np.asarray(ag_m_s2 * soil * shape)
 
 
@@ -38,8 +39,9 @@ def asce7(periods_s: Array, sds_g: float, sd1_g: float, tl_s: float = 8.0) -> Ar
     """Return the design response spectrum of ASCE 7-16 in m/s^2 (11.4.6), (p,)."""
     t, ts = np.asarray(periods_s, dtype=float), sd1_g / sds_g
     shape = np.where(t < 0.2 * ts, sds_g * (0.4 + 0.6 * t / (0.2 * ts)), sds_g)
-    shape = np.where(t > ts, sd1_g / t, shape)
-    shape = np.where(t > tl_s, sd1_g * tl_s / t**2, shape)
+    with np.errstate(divide="ignore"):
+        shape = np.where(t > ts, sd1_g / t, shape)
+        shape = np.where(t > tl_s, sd1_g * tl_s / t**2, shape)
     return np.asarray(STANDARD_GRAVITY_M_S2 * shape)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import FILE, Number, json_option, no_replace_option
+from rths_cli.cli.options import FILE, Number, json_option, no_replace_option, quiet_option
 from rths_cli.cli.terminal import page_width, show_page
 
 RESULTS = "results"
@@ -227,8 +227,9 @@ def schema(kind: str, as_json: bool) -> int:
 @click.argument("structure", required=False, metavar="[NAME|FILE]")
 @click.option("--figure", type=FILE, metavar="FILE", help="Draw building and mode shapes, .pdf, .svg or .png.")
 @no_replace_option
+@quiet_option
 @json_option
-def structure(structure: str | None, figure: Path | None, no_replace: bool, as_json: bool) -> int:
+def structure(structure: str | None, figure: Path | None, no_replace: bool, quiet: bool, as_json: bool) -> int:
     """Show a building before anything is run: modes, damping, mass split, stiffnesses, doubts on units.
 
     A case shows its building, with its own damping. Without NAME: the structures that are known. Exit code 1: the
@@ -239,7 +240,7 @@ def structure(structure: str | None, figure: Path | None, no_replace: bool, as_j
     if structure is None:
         return show_list("structures", as_json)
     from rths_cli.laboratory.describe import inspect_structure
-    from rths_cli.report.structure_page import document, page
+    from rths_cli.report.structure_page import document, headline, page
 
     found = inspect_structure(structure)
     if figure is not None:
@@ -251,6 +252,8 @@ def structure(structure: str | None, figure: Path | None, no_replace: bool, as_j
         click.echo(f"{'replaced' if replaced else 'wrote'} {figure}", err=True)
     if as_json:
         click.echo(json.dumps(document(found), indent=2))
+    elif quiet:
+        click.echo(headline(found))
     else:
         show_page(lambda: page(found, page_width()))
     return found.exit_code

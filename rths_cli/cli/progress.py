@@ -18,6 +18,7 @@ from rths_cli.user_cache import cache_or_temporary
 SHIPPED = Path(__file__).with_name("progress_parts.json")
 COMPILING = "compile "
 LEAST_S = 0.3  # parts that take less say nothing of the speed of a machine
+PRIOR_S = 3.0  # of parts as fast as usual, which the first ones to end are averaged with
 KEPT = 0.5  # weight of the durations that were known before, beside those of the present run
 LEAST_LEFT = 0.1  # of its usual duration is what a part takes at least that is longer than usual
 Durations = dict[str, float]
@@ -78,9 +79,8 @@ class Estimate:
     def _slower(self) -> float:
         """Return by how much longer than usual the parts take that have ended."""
         ended = [name for name in self._spent if name not in self._inner and self._usual.get(name, 0.0) >= LEAST_S]
-        if not ended:
-            return 1.0
-        return max(sum(self._spent[name] for name in ended) / sum(self._usual[name] for name in ended), 0.05)
+        spent, usual = sum(self._spent[name] for name in ended), sum(self._usual[name] for name in ended)
+        return (PRIOR_S + spent) / (PRIOR_S + usual)
 
     def spent_s(self) -> float:
         """Return the seconds that all parts have taken."""

@@ -166,7 +166,7 @@ class Screen:
         self._said: set[str] = set()
         self._drawn: Live | None = None
         self._shown_s = -PLAIN_S if command else time.monotonic()  # what is usually short begins without a line
-        self._moved_s, self._compiles = -PLAIN_S, False
+        self._moved_s, self._compiles, self._share = -PLAIN_S, False, 0.0
         self._part, self._place, self._started_s = "", (1, 1), time.monotonic()
         self._keys = Keys()
         self._doing = ""
@@ -177,7 +177,7 @@ class Screen:
         """Show that a case starts."""
         self._poll()
         self._label = f"[{number:>{len(str(count))}}/{count}] {name}"
-        self._place = number, count
+        self._place, self._share = (number, count), (number - 1) / count
         if number > 1:  # the first case begins with the start of the command
             self._estimate = Estimate(usual(self._command)) if self._command else None
 
@@ -206,7 +206,7 @@ class Screen:
                 self._estimate = Estimate(usual(self._command))
             if self._estimate is not None:
                 self._estimate.begin(self._part, time.monotonic())
-            self._show_status(STAGE_S if self._part != before else PLAIN_S)
+            self._show_status(STAGE_S if self._command and self._part != before else PLAIN_S)
         self._keep_beating()
 
     def compiling(self, function: str, begins: bool) -> None:
@@ -248,7 +248,7 @@ class Screen:
         doing = COMPILING if self._compiles else self._doing
         if left is None or spent + left < LEAST_TOLD_S or spent < LEAST_SPENT_S:
             return "  ".join(filter(None, (self._label, doing)))
-        share = spent / (spent + left)
+        self._share = share = max(self._share, spent / (spent + left))
         drawn = f"[{'#' * round(SHORT_BAR * share):.<{SHORT_BAR}}] " if self._live else ""
         return f"{self._label}  {drawn}{100.0 * share:.0f} %, about {left:.0f} s left: {doing}".lstrip()
 

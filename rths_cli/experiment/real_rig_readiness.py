@@ -326,8 +326,6 @@ def ask_to_move(
     from rths_cli.numerics.clock import require_real_time
 
     require_real_time()
-    for setup in real:
-        check_link(setup.case)
     attended = [setup.rig.name for setup in real if not setup.rig.unattended]
     if yes:
         if attended:
@@ -335,13 +333,20 @@ def ask_to_move(
                 f"--yes: rig {attended[0]} does not say `unattended: true` in a file of its own; "
                 "a person has to confirm here"
             )
+        _check_links(real)
         return
     if sys.stdin is None or not sys.stdin.isatty():
         raise InputError("nobody can be asked here; --yes moves rigs whose file says `unattended: true`")
+    _check_links(real)
     motions = [f"{setup.case.name}: {_motion(setup)}{_peaks(predicted(setup))}" for setup in real]
     rigs = dict.fromkeys(_about(setup.rig) for setup in real)
     if not confirm(["This moves a table:", *motions, *rigs, *BEFORE_MOVING]):
         raise InputError("not confirmed; nothing was moved")
+
+
+def _check_links(real: Sequence[Setup]) -> None:
+    for setup in real:
+        check_link(setup.case)
 
 
 def _refuse_doubts(real: Sequence[Setup], played: tuple[str, ...]) -> None:

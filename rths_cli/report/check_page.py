@@ -133,8 +133,8 @@ def _brief(checked: Checked) -> Document:
     motion = f"{about.record} x {about.scaling:g}, {about.sample_rate_hz:g} Hz"
     test = f"{about.structure}, damping {about.damping}; {motion}"
     lines = [
-        title,
         *_verdict(checked, full=False),
+        title,
         labelled("test", f"{test}; {about.controller}, method {about.method}{_counters(values)}"),
         labelled("model", about.model),
         *([labelled("overridden", ", ".join(about.overrides))] if about.overrides else []),

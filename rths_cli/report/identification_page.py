@@ -310,7 +310,7 @@ def rejected_sentence(reasons: Sequence[str]) -> str:
 
 def _data(about: About, verdict: list[Block]) -> list[Block]:
     lines = (labelled(label, text) for label, text in about.lines)
-    return [Line(title(about)), *verdict, labelled("data", about.source), *lines]
+    return [*verdict, Line(title(about)), labelled("data", about.source), *lines]
 
 
 def _channels(channels: Sequence[ChannelReport], compared: ComparedBand) -> list[Block]:

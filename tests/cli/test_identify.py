@@ -78,8 +78,8 @@ def test_a_whole_identification_of_the_default_rig(rths: Rths) -> None:
     assert shown.out.endswith(
         f'\nidentification: {{model: "{Path("models/aps400_virtual_three_storey.h5").absolute()}"}}\n'
     )
-    assert shown.out.startswith("Identification of the virtual table aps400_virtual")
-    assert "verdict                 accepted: fit for feedforward" in shown.out
+    assert shown.out.startswith("verdict                 accepted: fit for feedforward")
+    assert "Identification of the virtual table aps400_virtual" in shown.out
     assert tree() == ["models/aps400_virtual_three_storey.h5", "models/aps400_virtual_three_storey.png"]
     assert Path("models/aps400_virtual_three_storey.png").read_bytes().startswith(b"\x89PNG")
     stated = read_model(Path("models/aps400_virtual_three_storey.h5")).attributes

@@ -132,7 +132,7 @@ def test_a_new_compensator_keeps_the_contract_as_it_is_written(rths: Call, tmp_p
         sys.modules.pop("mine", None)
     assert rths("new", "compensator", "mine.py")[0] == 2
     code, _, err = rths("new", "compensator")
-    assert code == 2 and "give one file: rths new compensator FILE.py" in err
+    assert code == 2 and "give one file: rths new compensator FILE" in err
     code, _, err = rths("new", "compensator", "other.txt")
     assert code == 2 and "must be the name of a Python module" in err and not (tmp_path / "other.txt").exists()
 

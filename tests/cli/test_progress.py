@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rths_cli.cli import terminal
-from rths_cli.cli.progress import Estimate, learn, part_of, usual
+from rths_cli.cli.progress import PRIOR_S, Estimate, learn, part_of, usual
 from rths_cli.cli.terminal import Screen
 
 USUAL = {"starting": 1.0, "compile a": 10.0, "probe of": 2.0, "identification": 4.0, "compile b": 5.0, "EXP-RTHS": 3.0}
@@ -26,11 +26,13 @@ def test_what_is_left_are_the_parts_ahead_as_much_slower_as_those_that_have_ende
     estimate.begin("starting", 100.0)
     assert estimate.left_s(100.0) == pytest.approx(10.0)  # 1 + 2 + 4 + 3: nothing is compiled yet
     estimate.begin("probe of", 102.0)  # twice as long as usual
-    assert estimate.left_s(102.0) == pytest.approx(2 * (2 + 4 + 3))
-    assert estimate.left_s(104.0) == pytest.approx(2 * (2 + 4 + 3) - 2)
+    first = (PRIOR_S + 2) / (PRIOR_S + 1)
+    assert estimate.left_s(102.0) == pytest.approx(first * (2 + 4 + 3))
+    assert estimate.left_s(104.0) == pytest.approx(first * (2 + 4 + 3) - 2)
     estimate.begin("EXP-RTHS", 106.0)  # no identification
-    assert estimate.left_s(106.0) == pytest.approx(2 * 3)
-    assert estimate.left_s(200.0) == pytest.approx(0.1 * 2 * 3)  # longer than usual: never nothing
+    both = (PRIOR_S + 2 + 4) / (PRIOR_S + 1 + 2)
+    assert estimate.left_s(106.0) == pytest.approx(both * 3)
+    assert estimate.left_s(200.0) == pytest.approx(0.1 * both * 3)  # longer than usual: never nothing
     assert estimate.spent_s() == pytest.approx(100.0)
 
 
@@ -40,7 +42,8 @@ def test_compiling_stands_beside_the_stage_around_it() -> None:
     estimate.compiling("a", True, True, 1.0)
     assert estimate.left_s(1.0) == pytest.approx((2 - 1) + 10 + 4 + 5 + 3)
     estimate.compiling("a", False, True, 6.0)  # 5 s, half of usual
-    assert estimate.left_s(6.0) == pytest.approx(0.5 * (0.2 + 4 + 5 + 3))  # the probe has had its 2 s / 2
+    faster = (PRIOR_S + 5) / (PRIOR_S + 10)
+    assert estimate.left_s(6.0) == pytest.approx(faster * (2 - 1 / faster + 4 + 5 + 3))
     estimate.begin("EXP-RTHS", 6.5)
     assert estimate.ended(8.0) == pytest.approx({"probe of": 1.5, "compile a": 5.0, "EXP-RTHS": 1.5})
 
@@ -81,5 +84,5 @@ def test_without_a_terminal_a_line_begins_each_stage_and_is_repeated(monkeypatch
     assert stream.getvalue().splitlines() == [
         "starting",
         "10 %, about 9 s left: probe of 25 s",
-        "87 %, about 2 s left: identification, 9 s",  # 0.5 (0.4 + 3)
+        "82 %, about 3 s left: identification, 9 s",  # 4.5 / 6 (0.4 + 3), with PRIOR_S
     ]

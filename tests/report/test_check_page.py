@@ -185,7 +185,7 @@ def test_several_cases_begin_with_a_line_each() -> None:
 def test_one_case_is_the_verdict_and_what_decides_in_few_lines() -> None:
     found = replace(checked("unsafe", ("too large",)), notes=tuple(map(stated, ["a long note of many words " * 9] * 5)))
     lines = pages([found]).splitlines()
-    assert len(lines) <= 14 and lines[1].split() == ["verdict", "unsafe:", "too", "large"]
+    assert len(lines) <= 14 and lines[0].split() == ["verdict", "unsafe:", "too", "large"]
     values, said = found.metrics, " ".join(" ".join(lines).split())
     error = np.asarray(values["check.rms_error_m_s2"])
     assert f"expected error {1e3 * error.max():.3g} mm/s^2 RMS (storey {1 + error.argmax()})" in said

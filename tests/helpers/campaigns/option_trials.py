@@ -41,6 +41,7 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "export": ("result.h5", "--to", "csv", "--group", "sim"),
     "recover": ("killed.exp_rths.rthslog",),
     "records": ("./short.csv",),
+    "data": ("./short.csv",),
     "structure": ("three_storey",),
     "list": ("structures",),
     "schema": (),

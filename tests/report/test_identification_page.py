@@ -20,7 +20,7 @@ from rths_cli.report.identification_page import as_document, page, rejected_docu
 from rths_cli.report.numbers import significant, with_uncertainty
 
 SECTIONS = [
-    "Identification", "verdict", "data", "channels", "table model", "fit error", "roots, best", "residual, best",
+    "verdict", "Identification", "data", "channels", "table model", "fit error", "roots, best", "residual, best",
     "amplitude dependence", "specimen", "mode shapes", "warning",
 ]  # fmt: skip
 

@@ -176,6 +176,24 @@ def test_rows_are_a_series_only_where_they_are_no_table(tmp_path: Path) -> None:
     assert ":1: 4 columns; give one" in refusal(path, unit="g", dt_s=0.01)
 
 
+@pytest.mark.parametrize(("factors", "offset"), [((1.0, 1.0), 0.01), ((1.0, 1.0, 1.0), 0.0), ((1.0, 0.95), 0.0)])
+def test_columns_that_resemble_each_other_are_no_series(
+    tmp_path: Path, factors: tuple[float, ...], offset: float
+) -> None:
+    path = tmp_path / "a.txt"
+    beside = np.stack([factor * examples.motion_g() + offset * k for k, factor in enumerate(factors)], axis=1)
+    path.write_text(examples.rows(beside.ravel(), len(factors), "13.7f"))
+    assert "colum" in refusal(path, unit="g", dt_s=0.01)
+
+
+def test_names_above_every_column_make_a_table_of_a_series(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("# a title\n" + examples.rows(examples.motion_g(), 2, "13.7f"))
+    assert read_accelerogram(path, "g", 0.01).format == "rows of values"
+    path.write_text("raw filtered\n" + examples.rows(examples.motion_g(), 2, "13.7f"))
+    assert "colum" in refusal(path, unit="g", dt_s=0.01)
+
+
 def test_numbers_of_a_stated_width_need_no_space_between_them(tmp_path: Path) -> None:
     path = tmp_path / "a.V2"
     lines = (FOLDER / "csmip.V2").read_text().splitlines()

@@ -35,8 +35,8 @@ _TIME_SUFFIX = re.compile(r"_(\w?s)$", re.IGNORECASE)
 MAX_TIME_S = 1e12  # seconds since 1970 are below
 _EVENNESS = 0.04
 """Time steps may differ by this part of the interval: files print few digits."""
-_SMOOTHER, _ALIKE, _ONE_SIDED = 0.8, 2.0, 0.5
-"""What rows of one series keep: real records have 0.22 to 0.60, 0.66 to 1.3, and at most 0.35."""
+_SMOOTHER, _ALIKE = 0.8, 2.0
+"""What rows of one series keep: real records have 0.22 to 0.60, and 0.66 to 1.3."""
 _TEXT_LINES = 100  # above figures
 ONE_SERIES = ("PEER AT2", "K-NET ASCII", "DYNA", "rows of values")
 IN_ROWS = (
@@ -193,12 +193,11 @@ def _is_series(lines: list[str], header: Header, dt_s: float | None) -> bool:
 
 def _run_on(table: Array) -> bool:
     """Return whether rows (n, m) continue each other: values step from row to row as they do within a row, and by less
-    than down a column. Columns that resemble each other step less within a row, or to one side."""
+    than down a column. Columns that resemble each other step less within a row."""
     within, between, down = np.diff(table, axis=1), table[1:, 0] - table[:-1, -1], np.diff(table, axis=0)
     step, last = float(np.abs(within).mean()), float(np.abs(between).mean())
-    one_sided = abs(float(within.mean() - between.mean())) > _ONE_SIDED * step
     smooth = (step * within.size + last * between.size) / (table.size - 1) <= _SMOOTHER * float(np.abs(down).mean())
-    return smooth and step <= _ALIKE * last <= _ALIKE**2 * step and not one_sided
+    return smooth and step <= _ALIKE * last <= _ALIKE**2 * step
 
 
 def _names_above(lines: list[str], header: Header) -> list[str]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rths_cli.errors import InputError
-from rths_cli.files.acceleration_units import find_unit
+from rths_cli.files.acceleration_units import FACTORS_M_S2, find_unit
 from rths_cli.files.accelerograms.fixed_columns import Layout, layout_of, layout_of_rows, numbers
 from rths_cli.files.accelerograms.others import CONVERT
 from rths_cli.files.accelerograms.record import Channel, Header, component_names, stated_peak
@@ -142,7 +142,8 @@ def _channel(path: Path, lines: list[str], data: _Data, figures: Array, layout: 
     )
     stated = _peak(head, data.begins)
     unit_of_peak = find_unit(stated[1]) if stated else None
-    peak = stated_peak(stated[0], stated[2]) if stated and unit_of_peak and _same(unit_of_peak, unit) else None
+    ratio = FACTORS_M_S2[unit_of_peak] / FACTORS_M_S2[unit] if unit_of_peak else 1.0
+    peak = stated_peak(stated[0], stated[2], ratio) if stated and unit_of_peak else None
     return Channel(
         header, figures, lambda sample: where + 1 + sample // layout.per_line, station, names, _corrected(head), peak
     )
@@ -251,14 +252,15 @@ def _component(head: list[str], ending: str) -> tuple[str, tuple[str, ...]]:
 
 def _peak(head: list[str], begins: int) -> tuple[str, str, int] | None:
     """Return number, unit and line of the peak acceleration that a header states."""
+    number = r"([-+\d.]+(?:E[-+]?\d+)?)"
     patterns = (
-        r"Peak acceleration\s*=\s*([-+\d.]+)\s*(\S+)", r"Processed:.*?\bMax\s*=\s*([-+\d.]+)\s*(\S+)",
-        r"Units of uncor.*?\bMax\s*=\s*([-+\d.]+)\s*([^\s,]+)",
+        rf"Peak acceleration\s*=\s*{number}\s*(\S+)", rf"Processed:.*?\bMax\s*=\s*{number}\s*(\S+)",
+        rf"Units of uncor.*?\bMax\s*=\s*{number}\s*([^\s,]+)",
     )  # fmt: skip
-    for number, line in enumerate(head, begins + 1):
+    for index, line in enumerate(head, begins + 1):
         for pattern in patterns:
             if match := re.match(rf"\s*{pattern}", line, re.IGNORECASE):
-                return match[1], match[2].rstrip(",."), number
+                return match[1], match[2].rstrip(",."), index
     return None
 
 

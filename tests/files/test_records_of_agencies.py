@@ -127,6 +127,7 @@ def test_station_and_correction_are_told() -> None:
         ("cosmos.V2c", "Max =    82.", "Max =    8.2E+02 cm/sec^2, once ", ":11: the header states a peak of 820 cm/s^2"),
         ("esm.HNE.ASC", "PGA_CM/S^2: 82.075439", "PGA_CM/S^2: 9.98E+03", ":40: the header states a peak of 9980"),
         ("cosmos.V2c", "    10.000000     3.000000", "     5.000000     3.000000", "the header states 3 s (real 63)"),
+        ("cosmos.V2c", "approx    3 secs", "approx    6 secs", ":45: 300 samples every 0.01 s (real 62 or 34 of the header)"),
         ("csmip.V2", "   300 points of accel data", "   308 points of accel data", "the header states 308 samples"),
         ("csmip.V2", "(8f10.5)", "(8f12.5)", "is not a number of 8 a line in 12 characters each"),
         ("csmip.V2", "Peak acceleration =   -46.900", "Peak acceleration =   -49.900", "states a peak of 49.9 cm/s^2"),

@@ -208,6 +208,15 @@ def test_numbers_of_a_stated_width_need_no_space_between_them(tmp_path: Path) ->
     assert found[:3] == pytest.approx([-1.0, -1.0, -0.0025])  # a field without a point has the format's decimals
 
 
+def test_a_table_whose_column_contradicts_the_unit_above_it_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{k / 100},{k % 7},0\n" for k in range(9))
+    path.write_text("# units: g\ntime (s),acc NS (cm/s2),note\n" + rows)
+    assert refusal(path).startswith(":1: the unit is stated as g, the column 'acc NS (cm/s2)' (line 2) states cm/s^2")
+    path.write_text("# units: gal\ntime (s),acc NS (cm/s2),note\n" + rows)
+    assert read_accelerogram(path).unit_read == "cm/s^2"
+
+
 def test_a_missing_cell_and_a_gap_in_time_are_counted(tmp_path: Path) -> None:
     lines = (FOLDER / "three_components.csv").read_text().splitlines()
     path = tmp_path / "a.csv"

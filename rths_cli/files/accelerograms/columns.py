@@ -262,6 +262,12 @@ def _of_table(path: Path, lines: list[str], header: Header) -> list[Channel]:
             f"{path}:{names_line}: none of the columns ({told}) is an acceleration by its unit or name; name it with "
             "its unit, for instance acceleration (g)"
         )
+    for column, unit in found:
+        if unit and header.unit and FACTORS_M_S2[unit] != FACTORS_M_S2[header.unit]:
+            raise InputError(
+                f"{path}:{header.unit_line}: the unit is stated as {header.unit}, the column "
+                f"{shortened(column.name, 40)!r} (line {names_line}) states {unit}; correct or remove one of them"
+            )
     several = len(found) > 1
     return [
         Channel(

@@ -41,7 +41,7 @@ def read(path: Path, lines: list[str]) -> list[Channel] | None:
             f"{path}: is a DYNA file that states no {', '.join(missing)}; take the file as its agency gives it"
         )
     kind = value.get("DATA_TYPE", "ACCELERATION") or "ACCELERATION"
-    if not kind.upper().startswith("ACC"):
+    if kind.upper() not in ("ACC", "ACCELERATION"):
         raise InputError(
             f"{path}:{line['DATA_TYPE']}: is a record of {kind.lower()[:40]}; give the acceleration record"
         )

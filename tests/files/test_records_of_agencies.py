@@ -260,6 +260,11 @@ def test_obspy_reads_sac_and_miniseed_with_the_unit_that_the_case_states(tmp_pat
     assert found.accel_m_s2 == pytest.approx(G * examples.motion_g(), abs=1e-6)
     (tmp_path / "cut.SAC").write_bytes(data[:1200])
     assert refusal(tmp_path / "cut.SAC", unit="gal").startswith(": cannot be read as SAC; it is cut or damaged")
+    for code, word in ((6, "displacement"), (7, "velocity")):
+        struct.pack_into("<i", data, 4 * (70 + 16), code)  # IDEP
+        (tmp_path / "a.SAC").write_bytes(data)
+        assert f"is a record of {word} (idep)" in refusal(tmp_path / "a.SAC", unit="gal")
+    struct.pack_into("<i", data, 4 * (70 + 16), 8)  # acceleration
     struct.pack_into("<f", data, 4, -500.0)  # the least value that the header states
     (tmp_path / "a.SAC").write_bytes(data)
     assert "the header states a peak of 500 gal" in refusal(tmp_path / "a.SAC", unit="gal")

@@ -24,6 +24,7 @@ _SAC_VERSION_AT = 304  # byte of the header's number 76
 _SAC_VERSIONS = (6, 7)
 _SAC_HEADER = 632
 _SAC_UNKNOWN = -12345.0
+_NO_ACCELERATIONS = {6: "displacement", 7: "velocity"}  # IDISP and IVEL of SAC's header
 
 
 def kind_of(data: bytes) -> str:
@@ -48,6 +49,7 @@ class _Trace:
     figures: Array
     missing: int
     peak: float | None
+    fault: str  # why it is no acceleration, "" where it may be one
 
 
 def read(path: Path, data: bytes, kind: str) -> list[Channel]:
@@ -80,6 +82,7 @@ def _traces(data: bytes, kind: str) -> list[_Trace]:
 
 def _trace(trace: Any) -> _Trace:
     stats, known = trace.stats, trace.stats.get("sac", {})
+    kind = _NO_ACCELERATIONS.get(int(known.get("idep", 0)))
     ends = [abs(float(known[key])) for key in ("depmin", "depmax") if known.get(key, _SAC_UNKNOWN) != _SAC_UNKNOWN]
     return _Trace(
         f"{trace.id}, {stats.starttime}",
@@ -89,10 +92,13 @@ def _trace(trace: Any) -> _Trace:
         np.asarray(np.ma.getdata(trace.data), dtype=float),
         int(np.ma.getmaskarray(trace.data).sum()),
         max(ends) if len(ends) == 2 and max(ends) > 0.0 else None,
+        f"is a record of {kind} (idep); give the acceleration record" if kind else "",
     )
 
 
 def _channel(path: Path, trace: _Trace, kind: str) -> Channel:
+    if trace.fault:
+        raise InputError(f"{path}: {trace.name} {trace.fault}")
     if trace.missing:
         raise InputError(
             f"{path}: {trace.name} has gaps of {trace.missing} samples; mend the record, or cut it at the gap"

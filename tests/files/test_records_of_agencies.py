@@ -116,6 +116,7 @@ def test_station_and_correction_are_told() -> None:
         ("esm.HNE.ASC", "PGA_CM/S^2: 8", "PGA_CM/S^2: 9", ":40: the header states a peak of 92.07"),
         ("esm.HNE.ASC", "DATA_TYPE: ACCELERATION", "DATA_TYPE: VELOCITY", ": is a record of velocity"),
         ("esm.HNE.ASC", "DATA_TYPE: ACCELERATION", "DATA_TYPE: ACCELERATION RESPONSE SPECTRUM", "response spectrum; give"),
+        ("esm.HNE.ASC", "UNITS: cm/s^2", "UNITS: m/s^2", ":40: the header states a peak of 0.820754 m/s^2"),
         ("esm.HNE.ASC", "SAMPLING_INTERVAL_S: 0.010000", "SAMPLING_INTERVAL_S:", "that states no SAMPLING_INTERVAL_S"),
         ("esm.HNE.ASC", "DURATION_S: 3.000", "DURATION_S: 6.000", ":31: the header states 6 s, which are 600 samples"),
         ("cosmos.V2c", "     300 acceleration pts", "     299 acceleration pts", "more follow in line"),

@@ -254,6 +254,13 @@ def test_obspy_reads_sac_and_miniseed_with_the_unit_that_the_case_states(tmp_pat
     obspy.Stream([traces[0].slice(endtime=traces[0].stats.starttime + 1), traces[0].slice(
         starttime=traces[0].stats.starttime + 2)]).write(str(path), format="MSEED")  # fmt: skip
     assert "has gaps of 99 samples" in refusal(path, unit="gal")
+    other, faster = traces[0].copy(), traces[0].copy()
+    other.stats.starttime += 2.5
+    obspy.Stream([traces[0], other]).write(str(path), format="MSEED")
+    assert "has pieces that overlap and differ" in refusal(path, unit="gal")
+    faster.stats.starttime, faster.stats.sampling_rate = other.stats.starttime + 9.0, 200.0
+    obspy.Stream([traces[0], faster]).write(str(path), format="MSEED")
+    assert "XX.S001..HNN has pieces at 100 and 200 Hz" in refusal(path, unit="gal")
     traces[0].write(str(tmp_path / "a.SAC"), format="SAC")
     data = bytearray((tmp_path / "a.SAC").read_bytes())
     (found,) = read_components(tmp_path / "a.SAC", "gal")

@@ -115,7 +115,7 @@ def test_station_and_correction_are_told() -> None:
         ("esm.HNE.ASC", "NDATA: 300", "NDATA: 299", ":30: the header states 299 samples, the file holds 300"),
         ("esm.HNE.ASC", "PGA_CM/S^2: 8", "PGA_CM/S^2: 9", ":40: the header states a peak of 92.07"),
         ("esm.HNE.ASC", "DATA_TYPE: ACCELERATION", "DATA_TYPE: VELOCITY", ": is a record of velocity"),
-        ("esm.HNE.ASC", "DATA_TYPE: ACCELERATION", "DATA_TYPE: ACCELERATION RESPONSE SPECTRUM", "response spectrum; give"),
+        ("esm.HNE.ASC", "DATA_TYPE: ACCELERATION", "DATA_TYPE: ACCELERATION SPECTRUM", "acceleration spectrum"),
         ("esm.HNE.ASC", "UNITS: cm/s^2", "UNITS: m/s^2", ":40: the header states a peak of 0.820754 m/s^2"),
         ("esm.HNE.ASC", "SAMPLING_INTERVAL_S: 0.010000", "SAMPLING_INTERVAL_S:", "that states no SAMPLING_INTERVAL_S"),
         ("esm.HNE.ASC", "DURATION_S: 3.000", "DURATION_S: 6.000", ":31: the header states 6 s, which are 600 samples"),
@@ -125,11 +125,11 @@ def test_station_and_correction_are_told() -> None:
         ("cosmos.V2c", "(04)", "(50)", "holds raw counts (V0)"),
         ("cosmos.V2c", "       2       1       4", "       2       1       2", "contradicts that of the header, 02"),
         ("cosmos.V2c", "Max =    82", "Max =    92", ":11: the header states a peak of 92.075 cm/s^2"),
-        ("csmip.V2", "Peak acceleration =   -46.900    cm/sec/sec", "Peak acceleration =  .500 g", "peak of 490.332 cm/s^2"),
-        ("cosmos.V2c", "Max =    82.", "Max =    8.2E+02 cm/sec^2, once ", ":11: the header states a peak of 820 cm/s^2"),
+        ("csmip.V2", "Peak acceleration =   -46.900    cm/sec/sec", "Peak acceleration =  .500 g", "peak of 490.332"),
+        ("cosmos.V2c", "Max =    82.", "Max =    8.2E+02 cm/sec^2, once ", ":11: the header states a peak of 820"),
         ("esm.HNE.ASC", "PGA_CM/S^2: 82.075439", "PGA_CM/S^2: 9.98E+03", ":40: the header states a peak of 9980"),
         ("cosmos.V2c", "    10.000000     3.000000", "     5.000000     3.000000", "the header states 3 s (real 63)"),
-        ("cosmos.V2c", "approx    3 secs", "approx    6 secs", ":45: 300 samples every 0.01 s (real 62 or 34 of the header)"),
+        ("cosmos.V2c", "approx    3 secs", "approx    6 secs", ":45: 300 samples every 0.01 s (real 62"),
         ("csmip.V2", "   300 points of accel data", "   308 points of accel data", "the header states 308 samples"),
         ("csmip.V2", "(8f10.5)", "(8f12.5)", "is not a number of 8 a line in 12 characters each"),
         ("csmip.V2", "Peak acceleration =   -46.900", "Peak acceleration =   -49.900", "states a peak of 49.9 cm/s^2"),
@@ -217,6 +217,35 @@ def test_a_table_whose_column_contradicts_the_unit_above_it_is_refused(tmp_path:
     assert refusal(path).startswith(":1: the unit is stated as g, the column 'acc NS (cm/s2)' (line 2) states cm/s^2")
     path.write_text("# units: gal\ntime (s),acc NS (cm/s2),note\n" + rows)
     assert read_accelerogram(path).unit_read == "cm/s^2"
+
+
+NO_TIME = ":3: two columns, and the first is no time (it falls 153 times); give one (acceleration), or name two"
+
+
+@pytest.mark.parametrize(
+    ("head", "form", "words"),
+    [("", "{:.7f} {:.7f}", NO_TIME), ("raw filtered", "{:.7f} {:.7f}", NO_TIME.replace("3", "4", 1)),
+     ("", "{:.0f},{:.0f}", "(it stands still); give one (acceleration), or name two accelerations with their units"),
+     ("time (s),acc (g)", "0,{1:.7f}", ":5: the time (first column) does not increase here; give")],
+)  # fmt: skip
+@pytest.mark.filterwarnings("error")
+def test_a_first_column_that_is_no_time_is_named(tmp_path: Path, head: str, form: str, words: str) -> None:
+    path = tmp_path / "a.txt"
+    scale = 1.0 if ".7f} {" in form else 9.0
+    rows = "".join(form.format(value, scale * value) + "\n" for value in examples.motion_g())
+    path.write_text(f"# a title\n# dt: 0.01\n{head}\n{rows}".replace("\n\n", "\n"))
+    assert words in refusal(path, unit=None if head.startswith("time") else "g")
+
+
+def test_two_named_accelerations_are_two_components(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "# dt: 0.01\nacc_NS (g),acc_EW (gal)\n" + "".join(f"{a:.7f},{a:.7f}\n" for a in examples.motion_g())
+    )
+    north, east = read_components(path)
+    assert (north.component, east.component, north.dt_s) == ("acc_NS", "acc_EW", 0.01)
+    assert north.accel_m_s2 == pytest.approx(G * examples.motion_g(), abs=1e-6)
+    assert east.accel_m_s2 == pytest.approx(0.01 * examples.motion_g(), abs=1e-8)
 
 
 def test_a_missing_cell_and_a_gap_in_time_are_counted(tmp_path: Path) -> None:

@@ -115,6 +115,8 @@ def test_station_and_correction_are_told() -> None:
         ("esm.HNE.ASC", "NDATA: 300", "NDATA: 299", ":30: the header states 299 samples, the file holds 300"),
         ("esm.HNE.ASC", "PGA_CM/S^2: 8", "PGA_CM/S^2: 9", ":40: the header states a peak of 92.07"),
         ("esm.HNE.ASC", "DATA_TYPE: ACCELERATION", "DATA_TYPE: VELOCITY", ": is a record of velocity"),
+        ("esm.HNE.ASC", "DATA_TYPE: ACCELERATION", "DATA_TYPE: ACCELERATION SPECTRUM", "acceleration spectrum"),
+        ("esm.HNE.ASC", "UNITS: cm/s^2", "UNITS: m/s^2", ":40: the header states a peak of 0.820754 m/s^2"),
         ("esm.HNE.ASC", "SAMPLING_INTERVAL_S: 0.010000", "SAMPLING_INTERVAL_S:", "that states no SAMPLING_INTERVAL_S"),
         ("esm.HNE.ASC", "DURATION_S: 3.000", "DURATION_S: 6.000", ":31: the header states 6 s, which are 600 samples"),
         ("cosmos.V2c", "     300 acceleration pts", "     299 acceleration pts", "more follow in line"),
@@ -123,7 +125,11 @@ def test_station_and_correction_are_told() -> None:
         ("cosmos.V2c", "(04)", "(50)", "holds raw counts (V0)"),
         ("cosmos.V2c", "       2       1       4", "       2       1       2", "contradicts that of the header, 02"),
         ("cosmos.V2c", "Max =    82", "Max =    92", ":11: the header states a peak of 92.075 cm/s^2"),
+        ("csmip.V2", "Peak acceleration =   -46.900    cm/sec/sec", "Peak acceleration =  .500 g", "peak of 490.332"),
+        ("cosmos.V2c", "Max =    82.", "Max =    8.2E+02 cm/sec^2, once ", ":11: the header states a peak of 820"),
+        ("esm.HNE.ASC", "PGA_CM/S^2: 82.075439", "PGA_CM/S^2: 9.98E+03", ":40: the header states a peak of 9980"),
         ("cosmos.V2c", "    10.000000     3.000000", "     5.000000     3.000000", "the header states 3 s (real 63)"),
+        ("cosmos.V2c", "approx    3 secs", "approx    6 secs", ":45: 300 samples every 0.01 s (real 62"),
         ("csmip.V2", "   300 points of accel data", "   308 points of accel data", "the header states 308 samples"),
         ("csmip.V2", "(8f10.5)", "(8f12.5)", "is not a number of 8 a line in 12 characters each"),
         ("csmip.V2", "Peak acceleration =   -46.900", "Peak acceleration =   -49.900", "states a peak of 49.9 cm/s^2"),
@@ -176,6 +182,24 @@ def test_rows_are_a_series_only_where_they_are_no_table(tmp_path: Path) -> None:
     assert ":1: 4 columns; give one" in refusal(path, unit="g", dt_s=0.01)
 
 
+@pytest.mark.parametrize(("factors", "offset"), [((1.0, 1.0), 0.001), ((1.0, 1.0, 1.0), 0.0), ((1.0, 0.95), 0.0)])
+def test_columns_that_resemble_each_other_are_no_series(
+    tmp_path: Path, factors: tuple[float, ...], offset: float
+) -> None:
+    path = tmp_path / "a.txt"
+    beside = np.stack([factor * examples.motion_g() + offset * k for k, factor in enumerate(factors)], axis=1)
+    path.write_text(examples.rows(beside.ravel(), len(factors), "13.7f"))
+    assert "colum" in refusal(path, unit="g", dt_s=0.01)
+
+
+def test_names_above_every_column_make_a_table_of_a_series(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("# a title\n" + examples.rows(examples.motion_g(), 2, "13.7f"))
+    assert read_accelerogram(path, "g", 0.01).format == "rows of values"
+    path.write_text("raw filtered\n" + examples.rows(examples.motion_g(), 2, "13.7f"))
+    assert "colum" in refusal(path, unit="g", dt_s=0.01)
+
+
 def test_numbers_of_a_stated_width_need_no_space_between_them(tmp_path: Path) -> None:
     path = tmp_path / "a.V2"
     lines = (FOLDER / "csmip.V2").read_text().splitlines()
@@ -184,6 +208,44 @@ def test_numbers_of_a_stated_width_need_no_space_between_them(tmp_path: Path) ->
     path.write_text("\n".join(lines))
     found = read_accelerogram(path, component="360").accel_m_s2
     assert found[:3] == pytest.approx([-1.0, -1.0, -0.0025])  # a field without a point has the format's decimals
+
+
+def test_a_table_whose_column_contradicts_the_unit_above_it_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    rows = "".join(f"{k / 100},{k % 7},0\n" for k in range(9))
+    path.write_text("# units: g\ntime (s),acc NS (cm/s2),note\n" + rows)
+    assert refusal(path).startswith(":1: the unit is stated as g, the column 'acc NS (cm/s2)' (line 2) states cm/s^2")
+    path.write_text("# units: gal\ntime (s),acc NS (cm/s2),note\n" + rows)
+    assert read_accelerogram(path).unit_read == "cm/s^2"
+
+
+NO_TIME = ":3: two columns, and the first is no time (it falls 153 times); give one (acceleration), or name two"
+
+
+@pytest.mark.parametrize(
+    ("head", "form", "words"),
+    [("", "{:.7f} {:.7f}", NO_TIME), ("raw filtered", "{:.7f} {:.7f}", NO_TIME.replace("3", "4", 1)),
+     ("", "{:.0f},{:.0f}", "(it stands still); give one (acceleration), or name two accelerations with their units"),
+     ("time (s),acc (g)", "0,{1:.7f}", ":5: the time (first column) does not increase here; give")],
+)  # fmt: skip
+@pytest.mark.filterwarnings("error")
+def test_a_first_column_that_is_no_time_is_named(tmp_path: Path, head: str, form: str, words: str) -> None:
+    path = tmp_path / "a.txt"
+    scale = 1.0 if ".7f} {" in form else 9.0
+    rows = "".join(form.format(value, scale * value) + "\n" for value in examples.motion_g())
+    path.write_text(f"# a title\n# dt: 0.01\n{head}\n{rows}".replace("\n\n", "\n"))
+    assert words in refusal(path, unit=None if head.startswith("time") else "g")
+
+
+def test_two_named_accelerations_are_two_components(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "# dt: 0.01\nacc_NS (g),acc_EW (gal)\n" + "".join(f"{a:.7f},{a:.7f}\n" for a in examples.motion_g())
+    )
+    north, east = read_components(path)
+    assert (north.component, east.component, north.dt_s) == ("acc_NS", "acc_EW", 0.01)
+    assert north.accel_m_s2 == pytest.approx(G * examples.motion_g(), abs=1e-6)
+    assert east.accel_m_s2 == pytest.approx(0.01 * examples.motion_g(), abs=1e-8)
 
 
 def test_a_missing_cell_and_a_gap_in_time_are_counted(tmp_path: Path) -> None:
@@ -221,6 +283,13 @@ def test_obspy_reads_sac_and_miniseed_with_the_unit_that_the_case_states(tmp_pat
     obspy.Stream([traces[0].slice(endtime=traces[0].stats.starttime + 1), traces[0].slice(
         starttime=traces[0].stats.starttime + 2)]).write(str(path), format="MSEED")  # fmt: skip
     assert "has gaps of 99 samples" in refusal(path, unit="gal")
+    other, faster = traces[0].copy(), traces[0].copy()
+    other.stats.starttime += 2.5
+    obspy.Stream([traces[0], other]).write(str(path), format="MSEED")
+    assert "has pieces that overlap and differ" in refusal(path, unit="gal")
+    faster.stats.starttime, faster.stats.sampling_rate = other.stats.starttime + 9.0, 200.0
+    obspy.Stream([traces[0], faster]).write(str(path), format="MSEED")
+    assert "XX.S001..HNN has pieces at 100 and 200 Hz" in refusal(path, unit="gal")
     traces[0].write(str(tmp_path / "a.SAC"), format="SAC")
     data = bytearray((tmp_path / "a.SAC").read_bytes())
     (found,) = read_components(tmp_path / "a.SAC", "gal")
@@ -228,6 +297,11 @@ def test_obspy_reads_sac_and_miniseed_with_the_unit_that_the_case_states(tmp_pat
     assert found.accel_m_s2 == pytest.approx(G * examples.motion_g(), abs=1e-6)
     (tmp_path / "cut.SAC").write_bytes(data[:1200])
     assert refusal(tmp_path / "cut.SAC", unit="gal").startswith(": cannot be read as SAC; it is cut or damaged")
+    for code, word in ((6, "displacement"), (7, "velocity")):
+        struct.pack_into("<i", data, 4 * (70 + 16), code)  # IDEP
+        (tmp_path / "a.SAC").write_bytes(data)
+        assert f"is a record of {word} (idep)" in refusal(tmp_path / "a.SAC", unit="gal")
+    struct.pack_into("<i", data, 4 * (70 + 16), 8)  # acceleration
     struct.pack_into("<f", data, 4, -500.0)  # the least value that the header states
     (tmp_path / "a.SAC").write_bytes(data)
     assert "the header states a peak of 500 gal" in refusal(tmp_path / "a.SAC", unit="gal")

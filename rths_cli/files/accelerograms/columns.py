@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.acceleration_units import FACTORS_M_S2
+from rths_cli.files.acceleration_units import FACTORS_M_S2, find_unit
 from rths_cli.files.accelerograms.record import (
     Channel,
     Header,
@@ -35,11 +35,14 @@ _TIME_SUFFIX = re.compile(r"_(\w?s)$", re.IGNORECASE)
 MAX_TIME_S = 1e12  # seconds since 1970 are below
 _EVENNESS = 0.04
 """Time steps may differ by this part of the interval: files print few digits."""
+_SMOOTHER, _ALIKE = 0.8, 2.0
+"""What rows of one series keep: real records have 0.22 to 0.60, and 0.66 to 1.3."""
+_FALLS = 0.2  # of the steps of a column that is no time
 _TEXT_LINES = 100  # above figures
 ONE_SERIES = ("PEER AT2", "K-NET ASCII", "DYNA", "rows of values")
 IN_ROWS = (
-    "; if the rows are one series, written several values a line, write one value a line, or state its interval "
-    "(record.dt_s, # dt:)"
+    "; if the rows are one series, written several values a line, write one value a line, or, where every row runs on "
+    "smoothly into the next, state its interval (record.dt_s, # dt:)"
 )
 _SEPARATORS = str.maketrans(",;\t", "   ")
 
@@ -120,6 +123,8 @@ def _unit_of_names(where: str, line: str) -> str | None:
         raise InputError(
             f"{where}: the column {shortened(accel, 80)!r} is not an acceleration; give the acceleration record"
         )
+    if time and find_unit(bracketed(time[0]) or ""):
+        return None  # two accelerations, each with its own unit
     if time:
         suffix = _TIME_SUFFIX.search(time[0])
         unit = bracketed(time[0]) or (suffix[1] if suffix else "s")
@@ -142,7 +147,9 @@ def read(path: Path, lines: list[str], dt_s: float | None) -> list[Channel]:
     header = column_header(path, lines)
     first = next((words for _, words in _rows(lines, header)), [])
     row = lines[header.first_line] if header.first_line < len(lines) else ""
-    if _decimal_commas(row) or (first and not all(map(is_number, first)) and _names_stand_above(lines)):
+    motions = [name for name in _names_above(lines, header) if find_unit(bracketed(name) or "")]
+    named = first and not all(map(is_number, first)) and _names_stand_above(lines)
+    if _decimal_commas(row) or named or len(motions) == 2:
         return _of_table(path, lines, header)
     if _is_series(lines, header, dt_s or header.dt_s):
         header = replace(header, layout="rows of values")
@@ -150,9 +157,29 @@ def read(path: Path, lines: list[str], dt_s: float | None) -> list[Channel]:
     values = _read_values(path, lines, header)
     channel = Channel(header, values[:, -1], lambda sample: _line_of(lines, header, sample))
     if values.shape[1] == 2:
+        _check_is_time(path, lines, header, values[:, 0])
         header = with_interval(path, header, _even_interval(path, channel.line_of, values[:, 0]))
         channel = replace(channel, header=header)
     return [channel]
+
+
+def _check_is_time(path: Path, lines: list[str], header: Header, first: Array) -> None:
+    """Raise InputError where the first of two columns (n,), not named a time, falls too often or does not move."""
+    from rths_cli.files.measured_data.units import is_time
+
+    steps = np.diff(first)
+    falls = int((steps < 0.0).sum())
+    stands = steps.size > 0 and float(np.median(steps)) <= 0.0 and rounded_times(first) is None
+    if any(is_time(name) or _seconds(name, "") for name in _names_above(lines, header)[:1]):
+        return
+    if falls <= max(2, _FALLS * steps.size) and not stands:
+        return
+    what = f"it falls {falls} times" if falls else "it stands still"
+    raise InputError(
+        f"{path}:{header.first_line + 1}: two columns, and the first is no time ({what}); give one (acceleration), or "
+        "name two accelerations with their units, for instance NS (g), EW (g)"
+        f"{_of_decimal_commas(lines[header.first_line]) or IN_ROWS}"
+    )
 
 
 def series(path: Path, lines: list[str], header: Header) -> Channel:
@@ -162,11 +189,18 @@ def series(path: Path, lines: list[str], header: Header) -> Channel:
 
 
 def _is_series(lines: list[str], header: Header, dt_s: float | None) -> bool:
-    """Return whether rows of numbers between spaces are one series in its order: their interval is stated, the first
-    column is no time, and neighbours in a row are nearer to each other than those in a column."""
+    """Return whether rows of numbers between spaces are one series in its order: their interval is stated, no names
+    stand above each column, the first column is no time, and every row runs on into the next."""
     rows = [words for _, words in _rows(lines, header)]
     marked = any(mark in line for line in lines[header.first_line :] for mark in ",;")
-    if dt_s is None or marked or len(rows) < 2 or not all(map(is_number, (word for row in rows for word in row))):
+    named = len(rows) > 0 and len(_names_above(lines, header)) == len(rows[0]) > 1
+    if (
+        dt_s is None
+        or marked
+        or named
+        or len(rows) < 2
+        or not all(map(is_number, (word for row in rows for word in row)))
+    ):
         return False
     widths = [len(row) for row in rows]
     if len(set(widths[:-1])) > 1 or widths[-1] > widths[0]:
@@ -179,7 +213,22 @@ def _is_series(lines: list[str], header: Header, dt_s: float | None) -> bool:
     steps = np.diff(table[:, 0])
     if (steps > 0.0).all() and np.ptp(steps) <= 2.0 * _EVENNESS * steps.mean():
         return False  # a time
-    return bool(np.abs(np.diff(table.ravel())).mean() <= np.abs(np.diff(table, axis=0)).mean())
+    return _run_on(table)
+
+
+def _run_on(table: Array) -> bool:
+    """Return whether rows (n, m) continue each other: values step from row to row as they do within a row, and by less
+    than down a column. Columns that resemble each other step less within a row."""
+    within, between, down = np.diff(table, axis=1), table[1:, 0] - table[:-1, -1], np.diff(table, axis=0)
+    step, last = float(np.abs(within).mean()), float(np.abs(between).mean())
+    smooth = (step * within.size + last * between.size) / (table.size - 1) <= _SMOOTHER * float(np.abs(down).mean())
+    return smooth and step <= _ALIKE * last <= _ALIKE**2 * step
+
+
+def _names_above(lines: list[str], header: Header) -> list[str]:
+    """Return the names of columns in the last line above the figures, [] where it holds none."""
+    line = lines[header.first_line - 1] if header.first_line else "#"
+    return [] if line.lstrip().startswith("#") or not _is_names(line) else split_columns(line)
 
 
 def _names_stand_above(lines: list[str]) -> bool:
@@ -238,6 +287,12 @@ def _of_table(path: Path, lines: list[str], header: Header) -> list[Channel]:
             f"{path}:{names_line}: none of the columns ({told}) is an acceleration by its unit or name; name it with "
             "its unit, for instance acceleration (g)"
         )
+    for column, unit in found:
+        if unit and header.unit and FACTORS_M_S2[unit] != FACTORS_M_S2[header.unit]:
+            raise InputError(
+                f"{path}:{header.unit_line}: the unit is stated as {header.unit}, the column "
+                f"{shortened(column.name, 40)!r} (line {names_line}) states {unit}; correct or remove one of them"
+            )
     several = len(found) > 1
     return [
         Channel(
@@ -403,10 +458,12 @@ def _even_interval(path: Path, line_of: Callable[[int], int], time_s: Array) -> 
 
 def _gap(steps: Array, usual: float) -> str:
     """Return how many samples are missing where a time (its steps (n,) in s) leaves whole samples out, else ""."""
+    if usual <= 0.0:
+        return ""
     missing = steps / usual - 1.0
     whole = np.round(missing)
     left_out = whole[whole >= 1.0]
-    if usual <= 0.0 or not left_out.size or (np.abs(missing - whole) > _EVENNESS * (whole + 1.0)).any():
+    if not left_out.size or (np.abs(missing - whole) > _EVENNESS * (whole + 1.0)).any():
         return ""
     count, places = int(left_out.sum()), left_out.size
     return f" ({count} sample{'s' * (count > 1)} missing at {places} place{'s' * (places > 1)})"

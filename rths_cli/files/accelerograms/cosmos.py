@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rths_cli.errors import InputError
-from rths_cli.files.acceleration_units import find_unit
+from rths_cli.files.acceleration_units import FACTORS_M_S2, find_unit
 from rths_cli.files.accelerograms.fixed_columns import Layout, layout_of, layout_of_rows, numbers
 from rths_cli.files.accelerograms.others import CONVERT
 from rths_cli.files.accelerograms.record import Channel, Header, component_names, stated_peak
 from rths_cli.numerics.lti import Array
 
 _COSMOS = re.compile(
-    r"\s*(\d{1,8})\s+(\S.{0,40}?)\s*pts?,?\s*approx\.?\s*([\d.]+)\s*secs?,\s*units\s*=\s*([^(,]*?)\s*"
+    r"\s*(\d{1,8})\s+(\S.{0,40}?)\s*pts?,?\s*approx\.?\s*(\d+\.?\d*|\.\d+)\s*secs?,\s*units\s*=\s*([^(,]*?)\s*"
     r"(?:\(\s*(\d+)\s*\))?\s*,\s*Format\s*=\s*\(([^)]*)",
     re.IGNORECASE,
 )
@@ -35,6 +35,7 @@ _UNITS = {2: "g", 4: "cm/s^2", 7: "in/s^2", 10: "gal", 11: "mg"}  # COSMOS table
 _COUNTS = 50
 _UNKNOWN = (-999.0, -99.0)
 _PER_LINE = 8
+_ABOUT = 0.02  # of a duration that is stated as approximate
 _CHANNEL = r"(?:Sta )?Cha[n:]?\s*(\d+)\s*:\s*([^(\n]*)"
 
 
@@ -45,6 +46,7 @@ class _Data:
     kind: str  # accel, veloc, displ
     count: int
     dt_s: float | None
+    about_s: str  # duration, "" where it states none
     unit_text: str
     code: int | None
     layout: Layout | None
@@ -89,17 +91,17 @@ def _announced(lines: list[str], index: int, begins: int) -> _Data | None:
         text = match[2].lower()
         kind = "veloc" if "vel" in text else "displ" if "disp" in text else "accel"
         code = int(match[5]) if match[5] else None
-        return _Data(kind, int(match[1]), None, match[4], code, layout_of(match[6]), index, begins)
+        return _Data(kind, int(match[1]), None, match[3], match[4], code, layout_of(match[6]), index, begins)
     if match := _CSMIP.match(line):
         unit = re.search(r"units?\s*:\s*([^)]*)|in\s+(\S+?)\.?\s*(?:\(|$)", line[match.end() :], re.IGNORECASE)
         stated = re.search(r"\(\s*(\d+[fe]\d+\.\d+)\s*\)", line, re.IGNORECASE)
         text = (unit[1] or unit[2]) if unit else ""
         layout = layout_of(stated[1]) if stated else None
-        return _Data(match[2].lower(), int(match[1]), float(match[3]), text, None, layout, index, begins)
+        return _Data(match[2].lower(), int(match[1]), float(match[3]), "", text, None, layout, index, begins)
     if (match := _CSMIP_V1.match(line)) and float(match[2]) > 0.0:
         stated = re.search(r"format\s*:\s*\(([^)]*)", line, re.IGNORECASE)
         layout = layout_of(stated[1]) if stated else None
-        return _Data("accel", int(match[1]), 1.0 / float(match[2]), match[3], None, layout, index, begins)
+        return _Data("accel", int(match[1]), 1.0 / float(match[2]), "", match[3], None, layout, index, begins)
     return None
 
 
@@ -142,7 +144,8 @@ def _channel(path: Path, lines: list[str], data: _Data, figures: Array, layout: 
     )
     stated = _peak(head, data.begins)
     unit_of_peak = find_unit(stated[1]) if stated else None
-    peak = stated_peak(stated[0], stated[2]) if stated and unit_of_peak and _same(unit_of_peak, unit) else None
+    ratio = FACTORS_M_S2[unit_of_peak] / FACTORS_M_S2[unit] if unit_of_peak else 1.0
+    peak = stated_peak(stated[0], stated[2], ratio) if stated and unit_of_peak else None
     return Channel(
         header, figures, lambda sample: where + 1 + sample // layout.per_line, station, names, _corrected(head), peak
     )
@@ -208,6 +211,12 @@ def _interval(path: Path, data: _Data, head: list[str], reals: Array | None) -> 
             f"{path}:{line}: {data.count} samples every {dt_s:g} s are {data.count * dt_s:g} s, the header states "
             f"{length_s:g} s (real 63); take the file as its agency gives it"
         )
+    about_s, digit_s = float(data.about_s or 0.0), 10.0 ** -len(data.about_s.partition(".")[2])
+    if about_s > 0.0 and abs(data.count * dt_s - about_s) > max(1.5 * dt_s, digit_s, _ABOUT * about_s):
+        raise InputError(
+            f"{path}:{line}: {data.count} samples every {dt_s:g} s (real 62 or 34 of the header) are "
+            f"{data.count * dt_s:g} s, this line states about {about_s:g} s; take the file as its agency gives it"
+        )
     return dt_s, line
 
 
@@ -251,14 +260,15 @@ def _component(head: list[str], ending: str) -> tuple[str, tuple[str, ...]]:
 
 def _peak(head: list[str], begins: int) -> tuple[str, str, int] | None:
     """Return number, unit and line of the peak acceleration that a header states."""
+    number = r"([-+\d.]+(?:E[-+]?\d+)?)"
     patterns = (
-        r"Peak acceleration\s*=\s*([-+\d.]+)\s*(\S+)", r"Processed:.*?\bMax\s*=\s*([-+\d.]+)\s*(\S+)",
-        r"Units of uncor.*?\bMax\s*=\s*([-+\d.]+)\s*([^\s,]+)",
+        rf"Peak acceleration\s*=\s*{number}\s*(\S+)", rf"Processed:.*?\bMax\s*=\s*{number}\s*(\S+)",
+        rf"Units of uncor.*?\bMax\s*=\s*{number}\s*([^\s,]+)",
     )  # fmt: skip
-    for number, line in enumerate(head, begins + 1):
+    for index, line in enumerate(head, begins + 1):
         for pattern in patterns:
             if match := re.match(rf"\s*{pattern}", line, re.IGNORECASE):
-                return match[1], match[2].rstrip(",."), number
+                return match[1], match[2].rstrip(",."), index
     return None
 
 

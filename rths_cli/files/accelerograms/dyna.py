@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 
 from rths_cli.errors import InputError
+from rths_cli.files.acceleration_units import FACTORS_M_S2
 from rths_cli.files.accelerograms.columns import series
 from rths_cli.files.accelerograms.record import (
     Channel,
@@ -41,7 +42,7 @@ def read(path: Path, lines: list[str]) -> list[Channel] | None:
             f"{path}: is a DYNA file that states no {', '.join(missing)}; take the file as its agency gives it"
         )
     kind = value.get("DATA_TYPE", "ACCELERATION") or "ACCELERATION"
-    if not kind.upper().startswith("ACC"):
+    if kind.upper() not in ("ACC", "ACCELERATION"):
         raise InputError(
             f"{path}:{line['DATA_TYPE']}: is a record of {kind.lower()[:40]}; give the acceleration record"
         )
@@ -61,9 +62,8 @@ def read(path: Path, lines: list[str]) -> list[Channel] | None:
     channel = series(path, lines, header)
     if re.fullmatch(r"\d+\.?\d*", value.get("DURATION_S", "")) and header.dt_s:
         check_duration(f"{path}:{line['DURATION_S']}", float(value["DURATION_S"]), channel.figures.size, header.dt_s)
-    peak = stated_peak(
-        value.get("PGA_CM/S^2", ""), line.get("PGA_CM/S^2", 0), 1.0 if header.unit != "g" else 1 / 980.665
-    )
+    ratio = FACTORS_M_S2["cm/s^2"] / FACTORS_M_S2[header.unit or "cm/s^2"]
+    peak = stated_peak(value.get("PGA_CM/S^2", ""), line.get("PGA_CM/S^2", 0), ratio)
     return [
         Channel(
             header,

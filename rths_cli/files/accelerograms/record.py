@@ -248,11 +248,10 @@ def check_peak(path: Path, channel: Channel, unit: str) -> None:
 
 def stated_peak(text: str, line: int, factor: float = 1.0) -> Stated | None:
     """Return the peak that a header's text states, times `factor`; None for other texts and -999 (unknown)."""
-    match = re.fullmatch(r"[-+]?\d*\.?\d*", text.strip())
-    if match is None or not re.search(r"\d", text) or float(text) in (0.0, -999.0):
+    match = re.fullmatch(r"[-+]?(?=\.?\d)\d*\.?(\d*)(?:[eE]([-+]?\d{1,2}))?", text.strip())
+    if match is None or float(text) in (0.0, -999.0):
         return None
-    decimals = len(text.strip().partition(".")[2])
-    return Stated(float(text) * factor, 10.0**-decimals * factor, line)
+    return Stated(float(text) * factor, 10.0 ** (int(match[2] or 0) - len(match[1])) * factor, line)
 
 
 def component_names(label: str, *more: str) -> tuple[str, ...]:

@@ -24,6 +24,8 @@ _SAC_VERSION_AT = 304  # byte of the header's number 76
 _SAC_VERSIONS = (6, 7)
 _SAC_HEADER = 632
 _SAC_UNKNOWN = -12345.0
+_OVERLAP = "has pieces that overlap and differ there; keep one of them, or cut the others"
+_NO_ACCELERATIONS = {6: "displacement", 7: "velocity"}  # IDISP and IVEL of SAC's header
 
 
 def kind_of(data: bytes) -> str:
@@ -48,6 +50,7 @@ class _Trace:
     figures: Array
     missing: int
     peak: float | None
+    fault: str  # why it cannot be taken, "" where it may be
 
 
 def read(path: Path, data: bytes, kind: str) -> list[Channel]:
@@ -61,7 +64,7 @@ def read(path: Path, data: bytes, kind: str) -> list[Channel]:
             "(time_s,accel_m_s2)"
         )
     try:
-        traces = read_in_copy(lambda: _traces(data, kind))
+        traces = read_in_copy(lambda: _traces(path, data, kind))
     except ValueError:
         raise InputError(
             f"{path}: cannot be read as {kind}; it is cut or damaged, take it from its source again"
@@ -69,17 +72,25 @@ def read(path: Path, data: bytes, kind: str) -> list[Channel]:
     return [_channel(path, trace, kind) for trace in traces]
 
 
-def _traces(data: bytes, kind: str) -> list[_Trace]:
-    """Return the traces of a file, those of one channel joined."""
+def _traces(path: Path, data: bytes, kind: str) -> list[_Trace]:
+    """Return the traces of a file, those of one channel joined; raises InputError where their rates differ."""
     import obspy
 
     stream = obspy.read(io.BytesIO(data), format="MSEED" if kind == "miniSEED" else "SAC")
+    for name in sorted({trace.id for trace in stream}):
+        rates = sorted({float(trace.stats.sampling_rate) for trace in stream if trace.id == name})
+        if len(rates) > 1:
+            told = " and ".join(f"{rate:g}" for rate in rates)
+            raise InputError(f"{path}: {name} has pieces at {told} Hz; give those of one rate in a file of their own")
+    twice = {".".join(gap[:4]) for gap in stream.get_gaps() if gap[7] < 0}  # a negative number of missing samples
     stream.merge()
-    return [_trace(each) for each in stream]
+    return [_trace(each, each.id in twice) for each in stream]
 
 
-def _trace(trace: Any) -> _Trace:
+def _trace(trace: Any, twice: bool) -> _Trace:
     stats, known = trace.stats, trace.stats.get("sac", {})
+    kind = _NO_ACCELERATIONS.get(int(known.get("idep", 0)))
+    missing = int(np.ma.getmaskarray(trace.data).sum())
     ends = [abs(float(known[key])) for key in ("depmin", "depmax") if known.get(key, _SAC_UNKNOWN) != _SAC_UNKNOWN]
     return _Trace(
         f"{trace.id}, {stats.starttime}",
@@ -87,12 +98,19 @@ def _trace(trace: Any) -> _Trace:
         stats.channel,
         float(f"{stats.delta:.9g}"),
         np.asarray(np.ma.getdata(trace.data), dtype=float),
-        int(np.ma.getmaskarray(trace.data).sum()),
+        missing,
         max(ends) if len(ends) == 2 and max(ends) > 0.0 else None,
+        f"is a record of {kind} (idep); give the acceleration record"
+        if kind
+        else _OVERLAP
+        if twice and missing
+        else "",
     )
 
 
 def _channel(path: Path, trace: _Trace, kind: str) -> Channel:
+    if trace.fault:
+        raise InputError(f"{path}: {trace.name} {trace.fault}")
     if trace.missing:
         raise InputError(
             f"{path}: {trace.name} has gaps of {trace.missing} samples; mend the record, or cut it at the gap"

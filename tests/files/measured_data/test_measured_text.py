@@ -109,12 +109,30 @@ def test_infinite_samples_are_named_and_missing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "line",
-    ["# dt: 0.0005 s", "# dt: 0.5 ms", "# fs = 2000", "Sample rate (Hz),2000", "% sampling_rate: 2 kHz", "fs_hz\t2000"],
+    [
+        *("# dt: 0.0005 s", "# dt: 0.5 ms", "# fs = 2000", "Sample rate (Hz),2000", "% sampling_rate: 2 kHz"),
+        *("fs_hz\t2000", "Sampling rate (kHz): 2", "Sample rate,2,kHz", "fs = 2.0 [kHz]", "dt (ms): 0.5", "fs,2000,,"),
+        *("Sample interval: 0.5 msec", "Sample rate: 2 kS/s", "# dt: 500 µs", "fs = 2000 npts=5", "fs [kHz],2,2"),
+    ],
 )
 def test_a_stated_rate(tmp_path: Path, line: str) -> None:
     recording = read_recording(write(tmp_path, line + "\na_v,b_g\n" + "1,2\n" * 5))
     assert recording.dt_s == pytest.approx(0.0005, rel=1e-12)
     assert recording.names == ("a_v", "b_g")
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("# fs: 2,000 Hz", ":1: fs is '2,000', in which the comma may stand between thousands"),
+        ("# fs: 2 rpm", ":1: fs is stated in 'rpm', which is not known; give it in Hz or kHz"),
+        ("# dt (min): 2", ":1: dt is stated in 'min', which is not known; give it in s, ms or us"),
+        ("# dt (ms): 0.5 s", ":1: dt has two units that differ"),
+        ("Sample rate,2000,1000", ": line 1 (Sample rate) says 2000 Hz (0.0005 s), line 1 (Sample rate) says 1000 Hz"),
+    ],
+)
+def test_a_rate_in_doubt_is_refused(tmp_path: Path, line: str, expected: str) -> None:
+    assert the_fault(write(tmp_path, line + "\na_v,b_g\n" + "1,2\n" * 5)).startswith(expected)
 
 
 BODY = "".join(f"{k / 100},{k},0\n" for k in range(5))

@@ -295,6 +295,19 @@ def test_universal_files_without_time_histories_or_cut_off_are_refused(tmp_path:
     assert "floor_2 states 600 samples and holds" in refusal(tmp_path / "cut.uff")
 
 
+@pytest.mark.parametrize("binary", [False, True])
+def test_the_abscissa_of_a_universal_file_has_its_unit(tmp_path: Path, binary: bool) -> None:
+    universal(tmp_path / "a.uff", late=(0.0, 3.0, 3.0), binary=binary)
+    whole = (tmp_path / "a.uff").read_bytes()
+    in_ms = whole.replace(b"s".ljust(20), b"ms".ljust(20))
+    for before, after in ((b"1.00000E-03", b"1.00000E+00"), (b"3.00000E-03", b"3.00000E+00")):
+        in_ms = in_ms.replace(before, after)
+    (tmp_path / "a.uff").write_bytes(in_ms)
+    check(tmp_path / "a.uff", 3.0)
+    (tmp_path / "a.uff").write_bytes(whole.replace(b"s".ljust(20), b"min".ljust(20)))
+    assert "the unit 'min' of its abscissa is not s, ms or us" in refusal(tmp_path / "a.uff")
+
+
 def test_npz_is_read_by_names(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", time_s=TIME_S, **{f"{n} ({u})": motion(TIME_S, k) for k, (n, u) in
                                                   enumerate(zip(NAMES, UNITS, strict=True))})  # fmt: skip

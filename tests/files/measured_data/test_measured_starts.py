@@ -95,6 +95,19 @@ def test_equal_starts_change_nothing(tmp_path: Path) -> None:
     assert check(tmp_path / "d.tdms", 0.0, 1e-12) == ""
 
 
+@pytest.mark.parametrize("unit", ["ms", "min"])
+def test_the_unit_of_the_increment_of_tdms_counts(tmp_path: Path, unit: str) -> None:
+    late = (0.0, 3.0, 3.0)
+    stated: list[dict[str, object]] = [
+        {"wf_increment": 1e3 * DT_S, "wf_start_offset": 1e3 * one * DT_S, "wf_xunit_string": unit} for one in late
+    ]
+    tdms(tmp_path / "d.tdms", sampled(late), stated)
+    if unit == "ms":
+        check(tmp_path / "d.tdms", 3.0, 1e-12)
+    else:
+        assert "the unit 'min' of its abscissa" in refusal(tmp_path / "d.tdms")
+
+
 def test_channels_that_share_no_time_are_refused_with_the_shift(tmp_path: Path) -> None:
     tdms(tmp_path / "d.tdms", sampled((0.0, 0.0, 0.0)), [{}, {}, {"wf_start_offset": 60.0}])
     assert "floor_2_m_s2 60000 ms) and share 0 samples" in refusal(tmp_path / "d.tdms")

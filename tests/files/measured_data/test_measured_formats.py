@@ -280,6 +280,36 @@ def test_segments_follow_each_other_or_leave_a_gap(tmp_path: Path) -> None:
     assert "save each segment to a file of its own" in refusal(tmp_path / "c.lvm")
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [
+        ("Samples\t200\t200", "Samples\t300\t300", "the rows end here, 200 of the 300 samples"),
+        ("Y_Unit_Label\tV", "Y_Unit_Label\tmV", "states the unit 'mV' of command, the one before 'V'"),
+    ],
+)
+def test_a_segment_cut_off_or_of_another_unit_is_refused(
+    tmp_path: Path, before: str, after: str, expected: str
+) -> None:
+    labview(tmp_path / "a.lvm", segments=3)
+    head, _, tail = (tmp_path / "a.lvm").read_text().rpartition(before)
+    (tmp_path / "a.lvm").write_text(head + after + tail)
+    assert expected in refusal(tmp_path / "a.lvm")
+
+
+@pytest.mark.parametrize("word", ["NaN", "Inf", "OVER"])
+def test_rows_that_begin_with_a_word_are_no_header(tmp_path: Path, word: str) -> None:
+    labview(tmp_path / "a.lvm", "No", segments=2)
+    lines = (tmp_path / "a.lvm").read_text().replace("\n\t", "\n").replace("X_Value\tcommand", "command").split("\n")
+    assert lines[50][:1] in "-0123456789"
+    lines[50] = "\t".join([word, *lines[50].split("\t")[1:]])
+    (tmp_path / "a.lvm").write_text("\n".join(lines))
+    if word == "OVER":
+        assert refusal(tmp_path / "a.lvm").startswith(":51: command: 'OVER' is not a number")
+    else:
+        found = read_recording(tmp_path / "a.lvm")
+        assert found.samples.shape == (3, N) and np.isnan(found.samples).sum() == 1
+
+
 def test_a_step_that_the_times_contradict_is_refused(tmp_path: Path) -> None:
     labview(tmp_path / "d.lvm")
     text = (tmp_path / "d.lvm").read_text().replace("Delta_X\t0.001000000", "Delta_X\t0.001030000")

@@ -6,7 +6,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import repeat
+from itertools import pairwise, repeat
 from pathlib import Path
 
 import numpy as np
@@ -79,12 +79,14 @@ def _one_table(path: Path, lines: list[str], kept: list[int], layout: Layout) ->
     """Return the rows without repeated heads; raise InputError where another table begins below the rows."""
     above = {line.strip() for line in lines[: layout.first] if line.strip()}
     heads = [k for k in kept if lines[k].strip() in above]
-    if heads and not any(map(is_time, layout.names)):
+    behind = [after for k, after in pairwise(kept) if not all(lines[k + 1 : after])]
+    heads = heads or (behind if len(behind) < len(kept) - 1 else [])  # else every row has a blank line behind it
+    if heads and not any(map(is_time, layout.names)) and not any(map(is_date, _cells(lines[kept[0]], layout.separator))):
         raise InputError(
             f"{path}:{heads[0] + 1}: another block of rows begins here, and no time says how it follows the rows "
             "above; add a time column, or give each block in a file of its own"
         )
-    kept = [k for k in kept if lines[k].strip() not in above] if heads else kept
+    kept = [k for k in kept if lines[k].strip() not in above]
     for k in kept:
         cells = _cells(lines[k], layout.separator) if lines[k][:1].isalpha() or lines[k][:1] == '"' else []
         words = [cell for cell in cells if cell.lower() not in MISSING and not is_date(cell)]
@@ -151,11 +153,13 @@ def _layout(path: Path, lines: list[str]) -> Layout:
     alone = {number: stated for number, line in above if (stated := interval_in_line(path, number, line))}
     intervals = list(alone.values())
     intervals += [each for number, line in above for each in _intervals_of_columns(path, number, line, separator)]
-    starts = next((found for _, line in above if (found := _starts(line, separator, count))), (None,) * count)
+    stating = [(number, line) for number, line in above if _of_columns(line, separator)[1]]
     above = [(number, line) for number, line in above if number not in alone]
     _check_above(path, above, separator, count)
     names, units = _names(path, above, separator, count)
-    return Layout(separator, index, names, units, tuple(intervals), starts)
+    times = [is_time(n) or is_date(cell) for n, cell in zip(names, _cells(lines[index], separator), strict=True)]
+    found = (starts for number, line in stating if (starts := _starts(path, number, line, separator, times)))
+    return Layout(separator, index, names, units, tuple(intervals), next(found, (None,) * count))
 
 
 def _of_columns(line: str, separator: str | None) -> tuple[str, list[float | None]]:
@@ -179,11 +183,28 @@ def _intervals_of_columns(path: Path, number: int, line: str, separator: str | N
     return [(f"line {number} ({name})", interval) for interval in found if interval is not None]
 
 
-def _starts(line: str, separator: str | None, count: int) -> tuple[float | None, ...]:
-    """Return the starts in s of `count` columns, the first of which is the time, that a line such as LabVIEW's `X0`
-    states; () for any other line."""
-    name, values = _of_columns(line, separator)
-    return (None, *values, *(None,) * count)[:count] if values and states_start(name) else ()
+def _starts(
+    path: Path, number: int, line: str, separator: str | None, times: Sequence[bool]
+) -> tuple[float | None, ...]:
+    """Return the starts in s of the columns, None for the `times`, that a line such as LabVIEW's `X0` states for each
+    column or each channel; () for any other line. Raises InputError where their numbers do not fit."""
+    stated, values = _of_columns(line, separator)
+    name, unit = _name_and_unit(stated)
+    if not values or not states_start(name):
+        return ()
+    factor = _stated_factor(path, number, name, unit)
+    starts = [None if value is None else value * factor for value in values]
+    while starts and starts[-1] is None:
+        starts.pop()
+    channels = times.count(False)
+    if len(starts) not in (channels, len(times)):
+        raise InputError(
+            f"{path}:{number}: {name} states {len(starts)} starts above rows of {channels} channels; give one for each"
+        )
+    if len(starts) == len(times):
+        return tuple(None if is_x else start for is_x, start in zip(times, starts, strict=True))
+    each = iter(starts)
+    return tuple(None if is_x else next(each) for is_x in times)
 
 
 def _is_row(line: str) -> bool:

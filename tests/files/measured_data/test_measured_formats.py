@@ -208,6 +208,24 @@ def test_a_structure_without_time_needs_a_rate(tmp_path: Path) -> None:
     check(tmp_path / "d.mat", dt_s=DT_S)
 
 
+def test_a_structure_without_time_takes_what_stands_beside_it(tmp_path: Path) -> None:
+    simulink(tmp_path / "d.mat", np.zeros(0))
+    log = scipy.io.loadmat(tmp_path / "d.mat", struct_as_record=True)["ScopeData"]
+    for beside in ({"tout": TIME_S[:, None]}, {"fs": 1.0 / DT_S}, {"tout": TIME_S[:, None], "dt": DT_S}):
+        scipy.io.savemat(tmp_path / "d.mat", {"ScopeData": log, **beside})
+        assert check(tmp_path / "d.mat").notes == ()
+    scipy.io.savemat(tmp_path / "d.mat", {"ScopeData": log, "tout": TIME_S[:, None], "fs": 500.0})
+    assert "the time column says 1000 Hz (0.001 s), fs says 500 Hz" in refusal(tmp_path / "d.mat")
+
+
+def test_the_time_in_a_matrix_is_compared_with_a_stated_rate(tmp_path: Path) -> None:
+    matrix = np.vstack([TIME_S, *(motion(TIME_S, k) for k in range(3))])
+    np.savez(tmp_path / "a.npz", data=matrix, fs=1.0 / DT_S)
+    assert check(tmp_path / "a.npz").samples.shape == (3, N)
+    np.savez(tmp_path / "a.npz", data=matrix, fs=500.0)
+    assert "the time column says 1000 Hz (0.001 s), fs says 500 Hz" in refusal(tmp_path / "a.npz")
+
+
 def test_arrays_of_simulink_have_their_time(tmp_path: Path) -> None:
     signals = np.array([motion(TIME_S, k) for k in range(3)])
     scipy.io.savemat(tmp_path / "a.mat", {"tout": TIME_S[:, None], "yout": signals.T})

@@ -181,6 +181,19 @@ def test_text_that_states_other_clocks_than_its_time_is_refused(tmp_path: Path, 
     assert ("1.5 ms" if key == "X0" else "Delta_X") in refusal(tmp_path / "d.txt")
 
 
+@pytest.mark.parametrize(
+    "stated", ["X0,0,0.0015,0.0015", "Start offset (ms),0,1.5,1.5,", "start_offsets,0,0.0015", "X0 (min),0,1,1"]
+)
+def test_text_without_a_time_gives_each_channel_its_start(tmp_path: Path, stated: str) -> None:
+    rows(tmp_path / "d.csv", [f"dt,{DT_S}", stated, ",".join(NAMES)], sampled(LATE))
+    if stated.startswith("start_offsets"):
+        assert ":2: start_offsets states 2 starts above rows of 3 channels" in refusal(tmp_path / "d.csv")
+    elif "min" in stated:
+        assert ":2: X0 is stated in 'min', which is not known" in refusal(tmp_path / "d.csv")
+    else:
+        check(tmp_path / "d.csv", 3.0, 1e-6)
+
+
 def test_starts_that_differ_by_their_rounding_are_one_and_lengths_must_agree(tmp_path: Path) -> None:
     for count in (N, N - 1):
         with h5py.File(tmp_path / f"{count}.h5", "w") as file:

@@ -95,6 +95,11 @@ def test_columns_without_names_are_numbered_and_blank_ones_dropped(tmp_path: Pat
     assert recording.samples.tolist() == [[1, 3, 5], [2, 4, 6]]
 
 
+def test_a_blank_line_behind_every_row_is_no_new_block(tmp_path: Path) -> None:
+    recording = read_recording(write(tmp_path, "a_v,b_v\n\n1,2\n\n3,4\n\n5,6\n"), dt_s=0.001)
+    assert recording.samples.tolist() == [[1, 3, 5], [2, 4, 6]]
+
+
 @pytest.mark.parametrize("end", [",,\n,,\n", "\n\n", ",\t,  \n"])
 def test_blank_rows_at_the_end_are_no_samples(tmp_path: Path, end: str) -> None:
     recording = read_recording(write(tmp_path, "a_v,b_v,c_v\n1,2,3\n,,\n4,5,6\n" + end), dt_s=0.001)
@@ -155,6 +160,7 @@ BODY = "".join(f"{k / 100},{k},0\n" for k in range(5))
         ("t\n0\n1\n2\n", ": holds no channel beside the time"),
         ("t,time_s,a\n0,0,1\n1,2,2\n2,4,2\n", ": has 2 time columns that differ"),
         ("time (h),a\n0,1\n1,2\n2,3\n", ": the unit of 'time (h)' is not s, ms or us"),
+        ("# fs: 9\na,b\n1,2\n3,4\n\n5,6\n", ":6: another block of rows begins here, and no time says"),
         ("# fs: 0\na\n1\n2\n3\n", ": line 1 (fs) says an interval of inf s"),
         ("PK\x03\x04 xl/workbook.xml", ": is an Excel workbook; save the sheet as CSV"),
         ("PK\x03\x04 a.txt", ": is a zip archive"),

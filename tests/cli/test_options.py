@@ -119,7 +119,7 @@ def test_hostile_headers_of_recordings_are_read_at_once(tmp_path: Path, header: 
     ],
 )
 def test_the_linear_parser_reads_what_headers_state(line: str, interval: float | None) -> None:
-    found = interval_in_line(1, line)
+    found = interval_in_line(Path("a.csv"), 1, line)
     assert (found and found[1]) == (interval and pytest.approx(interval, rel=1e-12))
 
 

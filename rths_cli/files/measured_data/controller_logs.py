@@ -16,7 +16,8 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.matlab_files import MatlabObject, Value
-from rths_cli.files.measured_data.recording import Column, Contents, listed
+from rths_cli.files.measured_data.recording import Column, Contents, listed, stated_interval
+from rths_cli.files.measured_data.units import is_time
 from rths_cli.numerics.lti import Array
 
 _EVEN = 1e-3  # of the usual step, by which steps of a time differ at most
@@ -44,10 +45,27 @@ def logs_of(path: Path, variables: Mapping[str, Value]) -> Contents | None:
     count = Counter(column.name for _, column in columns)
     named = tuple(replace(c, name=f"{log}/{c.name}") if count[c.name] > 1 else c for log, c in columns)
     logs = {log.split("/")[0] for log, _ in columns}
-    others = [name for name in variables if name not in logs]
+    named, intervals, used = _with_times_beside(named, {n: v for n, v in variables.items() if n not in logs})
+    others = [name for name in variables if name not in logs and name not in used]
     notes = (f"not used beside the logs: {listed(others)}",) if others else ()
     desk = any(isinstance(value, dict) and {"X", "Y"} <= value.keys() for value in variables.values())
-    return Contents(named, notes=notes, format=f"MATLAB ({'dSPACE ControlDesk' if desk else 'Simulink'})")
+    return Contents(named, intervals, notes, format=f"MATLAB ({'dSPACE ControlDesk' if desk else 'Simulink'})")
+
+
+def _with_times_beside(
+    columns: tuple[Column, ...], beside: Mapping[str, Value]
+) -> tuple[tuple[Column, ...], tuple[tuple[str, float], ...], set[str]]:
+    """Return channels of logs without times with a time of their length beside the logs (`tout`), the intervals in s
+    that are stated there (`fs`), and the variables used; all as they are where every log has its time."""
+    if all(column.time is not None for column in columns):
+        return columns, (), set()
+    series = {name: found for name, value in beside.items() if (found := _numbers(value)) is not None}
+    times = {found.size: Column(name, found) for name, found in series.items() if found.size > 1 and is_time(name)}
+    timed = tuple(column if column.time else replace(column, time=times.get(column.values.size)) for column in columns)
+    single = {name: float(found[0]) for name, found in series.items() if found.size == 1}
+    intervals = {name: stated for name, value in single.items() if (stated := stated_interval(name, value)) is not None}
+    used = {times[c.values.size].name for c in columns if c.time is None and c.values.size in times}
+    return timed, tuple(intervals.items()), {*intervals, *used}
 
 
 def _columns(path: Path, name: str, value: Value) -> Iterator[tuple[str, Column]]:

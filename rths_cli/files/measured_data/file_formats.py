@@ -21,6 +21,7 @@ from rths_cli.files.measured_data.hdf5_files import hdf5_contents
 from rths_cli.files.measured_data.named_variables import Variable, contents_of, matlab_contents
 from rths_cli.files.measured_data.recording import Column, Contents, listed
 from rths_cli.files.measured_data.text_tables import text_contents
+from rths_cli.files.measured_data.units import abscissa_factor
 from rths_cli.files.measured_data.universal_files import is_universal, universal_contents
 from rths_cli.files.sandboxed_reading import read_in_copy
 from rths_cli.safe_text import shortened, visible
@@ -149,9 +150,10 @@ def _tdms(path: Path, data: bytes) -> Contents:
             continue
         stated = {**file.properties, **file[channel.group_name].properties, **channel.properties}
         unit = str(stated.get("unit_string", ""))
-        column = Column(name, values.astype(np.float64), unit, _tdms_start(stated, epoch_s))
+        factor = abscissa_factor(f"{path}: {name}", str(stated.get("wf_xunit_string", "")))
+        column = Column(name, values.astype(np.float64), unit, _tdms_start(stated, epoch_s, factor))
         if "wf_increment" in stated:
-            intervals.append((f"wf_increment of {name}", float(stated["wf_increment"])))
+            intervals.append((f"wf_increment of {name}", factor * float(stated["wf_increment"])))
             column = replace(column, dt_s=intervals[-1][1])
         columns.append(column)
     if not columns:
@@ -167,10 +169,11 @@ def _tdms(path: Path, data: bytes) -> Contents:
     return Contents(tuple(columns), tuple(intervals), tuple(notes))
 
 
-def _tdms_start(stated: Mapping[str, Any], epoch_s: int) -> float | None:
-    """Return the start of a channel in s after `epoch_s`: its start time and start offset; None for a channel without
-    a start time beside others that have one (`epoch_s` is 0 where none has: then offsets alone count)."""
-    time, offset = stated.get("wf_start_time"), float(stated.get("wf_start_offset", 0.0))
+def _tdms_start(stated: Mapping[str, Any], epoch_s: int, factor: float) -> float | None:
+    """Return the start of a channel in s after `epoch_s`: its start time and start offset, whose unit is `factor` s;
+    None for a channel without a start time beside others that have one (`epoch_s` is 0 where none has: then offsets
+    alone count)."""
+    time, offset = stated.get("wf_start_time"), factor * float(stated.get("wf_start_offset", 0.0))
     seconds = getattr(time, "seconds", 0)  # 0: LabVIEW writes it where the start is not known
     if not seconds:
         return None if epoch_s else offset

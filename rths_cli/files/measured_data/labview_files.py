@@ -20,6 +20,7 @@ from rths_cli.numerics.lti import Array
 
 _END = "***End_of_Header***"
 _SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
+_LONGEST_HEADER = 100  # lines of a segment's header
 _NEAR = 0.2  # of a sample, within which a segment begins at a whole sample after the one before
 _DIGITS = 5  # of a Delta_X: fewer leave the rate in doubt where no X values are saved
 
@@ -96,7 +97,7 @@ def _cell(header: Header, key: str, channel: int = 0) -> str:
 
 
 def _segments(path: Path, lines: Sequence[str], first: int, separator: str) -> list[_Segment]:
-    """Return the segments of a file that have rows; rows end at a line that begins with a letter."""
+    """Return the segments of a file that have rows; rows end where a word begins a header, whose end follows."""
     segments: list[_Segment] = []
     place = first
     while place < len(lines):
@@ -105,7 +106,7 @@ def _segments(path: Path, lines: Sequence[str], first: int, separator: str) -> l
         place = start + 1
         rows: list[list[str]] = []
         where: list[int] = []
-        while place < len(lines) and not lines[place][:1].isalpha():
+        while place < len(lines) and not _begins_header(lines, place, separator):
             if lines[place].strip():
                 rows.append(lines[place].split(separator))
                 where.append(place + 1)
@@ -117,6 +118,17 @@ def _segments(path: Path, lines: Sequence[str], first: int, separator: str) -> l
     return segments
 
 
+def _begins_header(lines: Sequence[str], place: int, separator: str) -> bool:
+    """Say whether a header begins at a line (from 0): words up to its end; NaN and Inf are samples."""
+    for line in lines[place : place + _LONGEST_HEADER] if lines[place].strip() else ():
+        word = line.partition(separator)[0].strip()
+        if word == _END:
+            return True
+        if line.strip() and (not word[:1].isalpha() or word.lower() in ("nan", "inf", "infinity")):
+            return False
+    return False
+
+
 def _channels(told: _File, segment: _Segment) -> tuple[Column, ...]:
     """Return the channels of a segment, each with its times as the segment alone states them."""
     names = [name for name in segment.names if name.lower() != "comment"]
@@ -126,7 +138,7 @@ def _channels(told: _File, segment: _Segment) -> tuple[Column, ...]:
     columns: list[Column] = []
     for place in (k for k, x in enumerate(is_x) if not x):
         channel = len(columns)
-        count = _count(segment, channel)
+        count = _count(told, segment, channel)
         x_place = max((k for k, x in enumerate(is_x) if x and k < place), default=None)
         x = values[:count, x_place] if x_place is not None and told.x_columns != "no" else np.zeros(0)
         time = Column("X_Value", _times(told, segment, channel, x, count))
@@ -137,10 +149,16 @@ def _channels(told: _File, segment: _Segment) -> tuple[Column, ...]:
     return tuple(columns)
 
 
-def _count(segment: _Segment, channel: int) -> int:
-    """Return the number of samples of a channel: as stated where the longest channel fills the rows, else all rows."""
-    stated = [int(cell) for cell in segment.header.get("samples", []) if cell.isdigit()]
+def _count(told: _File, segment: _Segment, channel: int) -> int:
+    """Return the number of samples of a channel: as stated where the longest channel fills the rows, else all rows;
+    raise InputError where there are fewer rows than that."""
+    stated = [int(cell) for cell in segment.header.get("samples", []) if cell.isdecimal()]
     whole = len(segment.rows)
+    if whole < max(stated, default=0):
+        raise InputError(
+            f"{told.path}:{segment.lines[-1]}: the rows end here, {whole} of the {max(stated)} samples that the header "
+            "states; the file is cut off, save the measurement again"
+        )
     return stated[channel] if channel < len(stated) and max(stated) == whole else whole
 
 
@@ -244,6 +262,12 @@ def _joined(
         raise InputError(
             f"{where}: a segment of other channels begins here; save each measurement to a file of its own"
         )
+    for old, new in zip(joined, after, strict=True):
+        if old.unit != new.unit:
+            raise InputError(
+                f"{where}: the segment that begins here states the unit {new.unit!r} of {new.name}, the one before "
+                f"{old.unit!r}; save each segment to a file of its own"
+            )
     late = 1e-9 * (_moment(told, segment, 0) - _moment(told, first, 0))
     continued: list[Column] = []
     for old, new in zip(joined, after, strict=True):

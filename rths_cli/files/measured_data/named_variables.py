@@ -71,7 +71,7 @@ def contents_of(path: Path, variables: Mapping[str, Variable]) -> Contents:
             ignored.append(name)
     contents = _without_short(path, columns, intervals, ignored)
     named = any(isinstance(variable.value, list) for variable in variables.values())
-    if intervals or named or any(c.start_s is not None or is_time(c.name) for c in contents.columns):
+    if named or any(c.start_s is not None or is_time(c.name) for c in contents.columns):
         return contents
     return with_time_of_matrix(contents)
 

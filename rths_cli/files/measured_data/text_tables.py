@@ -6,7 +6,7 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import repeat
+from itertools import pairwise, repeat
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from rths_cli.files.foreign_texts import format_of, is_date
 from rths_cli.files.measured_data.labview_files import is_labview, labview_contents
 from rths_cli.files.measured_data.recording import Column, Contents, stated_interval, states_start
 from rths_cli.files.measured_data.time_stamps import stamps_ns
-from rths_cli.files.measured_data.units import is_time, is_unit
+from rths_cli.files.measured_data.units import is_time, is_unit, rate_factor, time_factor
 from rths_cli.numerics.lti import Array
 
 MISSING = frozenset({"", "nan", "-", "--", "---", "na", "n/a", "#n/a", "null", "none"})
@@ -26,10 +26,10 @@ _CHUNK_ROWS = 8192
 _FAULTS = 12
 _COMMENT = ("#", "%")
 _LONGEST_LINE = 100_000
-_STATED = re.compile(r"[a-z_ ]*[a-z_] ?\"? ?(?:[(\[]\w*[)\]])? ?", re.IGNORECASE)  # of a line with single spaces
-_VALUE = re.compile(r"\"?([\d.,]+(?:e[+-]?\d+)?) ?(hz|khz|s|ms)?\b", re.IGNORECASE)
+_STATED = re.compile(r"[a-z_ ]*[a-z_] ?\"? ?(?:[(\[][^()\[\]]*[)\]])? ?", re.IGNORECASE)  # of a line with single spaces
+_VALUE = re.compile(r"[\s\"]*([\d.,]*\d\.?(?:e[+-]?\d+)?)(.*)", re.IGNORECASE)
+_THOUSANDS = re.compile(r"[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")
 _NO_NAME = '#%" \t\r\f\v'
-_SCALES = {"khz": 1000.0, "ms": 0.001}
 
 
 @dataclass(frozen=True)
@@ -79,12 +79,14 @@ def _one_table(path: Path, lines: list[str], kept: list[int], layout: Layout) ->
     """Return the rows without repeated heads; raise InputError where another table begins below the rows."""
     above = {line.strip() for line in lines[: layout.first] if line.strip()}
     heads = [k for k in kept if lines[k].strip() in above]
-    if heads and not any(map(is_time, layout.names)):
+    behind = [after for k, after in pairwise(kept) if not all(lines[k + 1 : after])]
+    heads = heads or (behind if len(behind) < len(kept) - 1 else [])  # else every row has a blank line behind it
+    if heads and not any(map(is_time, layout.names)) and not any(map(is_date, _cells(lines[kept[0]], layout.separator))):
         raise InputError(
             f"{path}:{heads[0] + 1}: another block of rows begins here, and no time says how it follows the rows "
             "above; add a time column, or give each block in a file of its own"
         )
-    kept = [k for k in kept if lines[k].strip() not in above] if heads else kept
+    kept = [k for k in kept if lines[k].strip() not in above]
     for k in kept:
         cells = _cells(lines[k], layout.separator) if lines[k][:1].isalpha() or lines[k][:1] == '"' else []
         words = [cell for cell in cells if cell.lower() not in MISSING and not is_date(cell)]
@@ -148,13 +150,16 @@ def _layout(path: Path, lines: list[str]) -> Layout:
     separator = _separator(lines[index])
     count = len(_cells(lines[index], separator))
     above = [(number, line) for number, line in enumerate(lines[:index], 1) if line.strip()]
-    intervals = [stated for number, line in above if (stated := interval_in_line(number, line))]
-    intervals += [each for number, line in above for each in _intervals_of_columns(number, line, separator)]
-    starts = next((found for _, line in above if (found := _starts(line, separator, count))), (None,) * count)
-    above = [(number, line) for number, line in above if not interval_in_line(number, line)]
+    alone = {number: stated for number, line in above if (stated := interval_in_line(path, number, line))}
+    intervals = list(alone.values())
+    intervals += [each for number, line in above for each in _intervals_of_columns(path, number, line, separator)]
+    stating = [(number, line) for number, line in above if _of_columns(line, separator)[1]]
+    above = [(number, line) for number, line in above if number not in alone]
     _check_above(path, above, separator, count)
     names, units = _names(path, above, separator, count)
-    return Layout(separator, index, names, units, tuple(intervals), starts)
+    times = [is_time(n) or is_date(cell) for n, cell in zip(names, _cells(lines[index], separator), strict=True)]
+    found = (starts for number, line in stating if (starts := _starts(path, number, line, separator, times)))
+    return Layout(separator, index, names, units, tuple(intervals), next(found, (None,) * count))
 
 
 def _of_columns(line: str, separator: str | None) -> tuple[str, list[float | None]]:
@@ -166,19 +171,40 @@ def _of_columns(line: str, separator: str | None) -> tuple[str, list[float | Non
     return name, numbers if sum(number is not None for number in numbers) > 1 else []
 
 
-def _intervals_of_columns(number: int, line: str, separator: str | None) -> list[tuple[str, float]]:
+def _intervals_of_columns(path: Path, number: int, line: str, separator: str | None) -> list[tuple[str, float]]:
     """Return the intervals in s that a line such as LabVIEW's `Delta_X` states, one per column."""
-    name, values = _of_columns(line, separator)
+    stated, values = _of_columns(line, separator)
+    name, unit = _name_and_unit(stated)
     key = "dt" if name.lower().replace("_", "") == "deltax" else name
-    found = [stated_interval(key, value) for value in values if value is not None]
+    if not values or stated_interval(key, 1.0) is None:
+        return []
+    factor = _stated_factor(path, number, key, unit)
+    found = [stated_interval(key, value * factor) for value in values if value is not None]
     return [(f"line {number} ({name})", interval) for interval in found if interval is not None]
 
 
-def _starts(line: str, separator: str | None, count: int) -> tuple[float | None, ...]:
-    """Return the starts in s of `count` columns, the first of which is the time, that a line such as LabVIEW's `X0`
-    states; () for any other line."""
-    name, values = _of_columns(line, separator)
-    return (None, *values, *(None,) * count)[:count] if values and states_start(name) else ()
+def _starts(
+    path: Path, number: int, line: str, separator: str | None, times: Sequence[bool]
+) -> tuple[float | None, ...]:
+    """Return the starts in s of the columns, None for the `times`, that a line such as LabVIEW's `X0` states for each
+    column or each channel; () for any other line. Raises InputError where their numbers do not fit."""
+    stated, values = _of_columns(line, separator)
+    name, unit = _name_and_unit(stated)
+    if not values or not states_start(name):
+        return ()
+    factor = _stated_factor(path, number, name, unit)
+    starts = [None if value is None else value * factor for value in values]
+    while starts and starts[-1] is None:
+        starts.pop()
+    channels = times.count(False)
+    if len(starts) not in (channels, len(times)):
+        raise InputError(
+            f"{path}:{number}: {name} states {len(starts)} starts above rows of {channels} channels; give one for each"
+        )
+    if len(starts) == len(times):
+        return tuple(None if is_x else start for is_x, start in zip(times, starts, strict=True))
+    each = iter(starts)
+    return tuple(None if is_x else next(each) for is_x in times)
 
 
 def _is_row(line: str) -> bool:
@@ -243,24 +269,64 @@ def _names(
     return tuple(fitting[-1]), blank
 
 
-def interval_in_line(number: int, line: str) -> tuple[str, float] | None:
-    """Return the place and the sampling interval in s that a line such as `# dt: 0.0005 s` or `fs,2000` states.
+def interval_in_line(path: Path, number: int, line: str) -> tuple[str, float] | None:
+    """Return the place and the sampling interval in s that a line such as `# dt: 0.5 ms` or `fs (kHz),2` states.
 
-    None for any other line; `number` is the line's own, from 1.
+    None for any other line; `number` is the line's own, from 1. Raises InputError for a unit that is not known, and a
+    comma that may stand between thousands.
     """
     told = line.lstrip(_NO_NAME)
     mark = re.search(r"[:=,;\t]", told)
     if mark is None:
         return None
-    name, value = (" ".join(part.split()) for part in (told[: mark.start()], told[mark.end() :]))
+    name, value = " ".join(told[: mark.start()].split()), told[mark.end() :].lstrip(" ")
     value = value[1:].lstrip() if mark[0] == "\t" and value[:1] in (":", "=", ",", ";") else value
     match = _VALUE.match(value) if _STATED.fullmatch(name) else None
-    cell = match[1].replace(",", ".") if match else ""
-    if match is None or not _is_number(cell):
+    plain, unit = _name_and_unit(name)
+    if match is None or stated_interval(plain, 1.0) is None:
         return None
-    name = re.split(r"[\"(\[]", name, maxsplit=1)[0].strip()
-    interval = stated_interval(name, float(cell) * _SCALES.get((match[2] or "").lower(), 1.0))
-    return None if interval is None else (f"line {number} ({name})", interval)
+    if _THOUSANDS.fullmatch(match[1]):
+        raise InputError(
+            f"{path}:{number}: {plain} is {match[1]!r}, in which the comma may stand between thousands or before a "
+            "fraction; write it without comma"
+        )
+    per_column = mark[0] == "," and "," in match[1] and not match[1].startswith("0,")  # one number for each column
+    cell = match[1].replace(",", ".")
+    if per_column or not _is_number(cell):
+        return None
+    factors = {_stated_factor(path, number, plain, text) for text in (unit, _unit_behind(match[2])) if text} or {1.0}
+    if len(factors) > 1:
+        raise InputError(f"{path}:{number}: {plain} has two units that differ; correct or remove one of them")
+    interval = stated_interval(plain, float(cell) * factors.pop())
+    return None if interval is None else (f"line {number} ({plain})", interval)
+
+
+def _name_and_unit(text: str) -> tuple[str, str]:
+    """Return a name such as `Sample rate (kHz)` without its brackets, and what stands in them."""
+    name, _, unit = re.sub(r"[\"\[\])]", lambda mark: "(" if mark[0] == "[" else "", text).partition("(")
+    return name.strip(), unit.strip()
+
+
+def _unit_behind(rest: str) -> str:
+    """Return the unit in what follows a stated number: a word, or the next cell where it is the last; "" if none."""
+    same, *cells = (cell.strip(' ".') for cell in re.split(r"[;,\t]", rest))
+    filled = [cell for cell in cells if cell]
+    word = same or (filled[0] if len(filled) == 1 else "")
+    word = re.sub(r"^[(\[]([^()\[\]]*)[)\]].*", r"\1", word).strip()
+    if rate_factor(word):
+        return word
+    word = word.partition(" ")[0]
+    return word if re.fullmatch(r"[^\W\d_][^=:]*", word) else ""
+
+
+def _stated_factor(path: Path, number: int, name: str, unit: str) -> float:
+    """Return what a figure in a stated unit is in Hz for a rate, else in s."""
+    is_rate = stated_interval(name, 2.0) == 0.5
+    factor = rate_factor(unit) if is_rate else time_factor("", unit)
+    if factor is None:
+        known = "Hz or kHz" if is_rate else "s, ms or us"
+        raise InputError(f"{path}:{number}: {name} is stated in {unit[:40]!r}, which is not known; give it in {known}")
+    return factor
 
 
 def _one_decimal_mark(path: Path, rows: list[str], kept: Sequence[int], separator: str | None) -> list[str]:

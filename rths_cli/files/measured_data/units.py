@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from rths_cli.errors import InputError
 from rths_cli.files.acceleration_units import AMBIGUOUS, find_unit
 from rths_cli.numerics.constants import FACTORS as OF_QUANTITY
 
@@ -13,7 +14,13 @@ FACTORS: dict[str, tuple[float, str]] = {
 }
 """Units of a channel: the factor to V or m/s^2, and which of the two."""
 
-_TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+_TIME_UNITS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "msecs", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "usec", "usecs", "microsecond", "microseconds"), 1e-6),
+}
+_PER_SECOND = ("hz", "s/s", "sa/s", "sps", "1/s", "samples/s", "samples/sec", "samples/second", "samples per second")
+_RATE_UNITS = {**dict.fromkeys(_PER_SECOND, 1.0), **dict.fromkeys(("khz", "ks/s", "ksa/s", "ksps", "1/ms"), 1e3)}
 _VOLT = {"v": "V", "volt": "V", "volts": "V", "mv": "mV", "millivolt": "mV", "millivolts": "mV"}
 _PER_S2 = re.compile(r"(m|cm|mm|in|ft)[_ ·*.]?s(?:\^|\*\*)?(?:-?2|²|⁻²)", re.IGNORECASE)
 _BRACKETS = re.compile(r"\s*[(\[]([^()\[\]:]*)[)\]]\s*$")  # `data(:,1)` is a column of a matrix
@@ -72,6 +79,20 @@ def time_factor(name: str, stated: str) -> float | None:
     match = _BRACKETS.search(name) or _TIME_SUFFIX.search(name)
     text = stated or (match[1] if match else "") or "s"
     return _TIME_UNITS.get(text.strip(" []()").partition(" ")[0].lower())
+
+
+def abscissa_factor(where: str, stated: str) -> float:
+    """Return what the figures of a channel's abscissa are in s (1 where no unit is stated); raise InputError for an
+    unknown unit. `where` names the file and the channel."""
+    factor = time_factor("", stated)
+    if factor is None:
+        raise InputError(f"{where}: the unit {stated!r} of its abscissa is not s, ms or us; export it over time in s")
+    return factor
+
+
+def rate_factor(stated: str) -> float | None:
+    """Return what a rate's figure is in Hz (1 where no unit is stated), None for an unknown unit."""
+    return _RATE_UNITS.get(" ".join(stated.lower().strip(" []()").split()) or "hz")
 
 
 def is_time(name: str) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.measured_data.recording import Column, Contents, listed, simplest
+from rths_cli.files.measured_data.units import abscissa_factor
 from rths_cli.numerics.lti import Array
 
 _BEGINS = re.compile(rb"[ \t]*-1[ \t]*\r?\n[ \t]*58(b|[ \t]*\r?\n)")
@@ -107,7 +108,7 @@ def _dataset(path: Path, data: bytes, kind: bytes, place: int) -> tuple[_Dataset
     try:
         function, (stored, count, even) = int(head[5][:5]), (int(head[6][k : k + 10]) for k in (0, 10, 20))
         first, step = float(head[6][30:43]), float(head[6][43:56])
-        abscissa = int(head[7][:10])
+        abscissa, axes = int(head[7][:10]), (head[7], head[8])
         binary = b"b" in kind[:7].lower()
         order, size = (int(kind[7:13]), int(kind[31:43])) if binary else (1, 0)
     except (ValueError, IndexError):
@@ -119,7 +120,7 @@ def _dataset(path: Path, data: bytes, kind: bytes, place: int) -> tuple[_Dataset
     other = "" if function in _HISTORY and abscissa in _TIME else f"function type {function}"
     if stored not in _REAL and not other:
         raise InputError(f"{where}: {name or label} holds complex or unknown numbers ({stored}); export real samples")
-    unit = head[8][47:67].strip() if head[8][47:67].strip().upper() != "NONE" else ""
+    x_unit, unit = ("" if (word := line[47:67].strip()).upper() == "NONE" else word for line in axes)
     if binary:
         raw, place = data[place : place + size], _behind_end(data, place + size)
         numbers = _binary(raw, _REAL.get(stored, np.float64), order) if not other else np.zeros(0)
@@ -129,7 +130,9 @@ def _dataset(path: Path, data: bytes, kind: bytes, place: int) -> tuple[_Dataset
         place = end
     column = Column(name or label, numbers, unit)
     if not other:
-        column = _over_time(where, column, numbers, count, (first, step) if even else None)
+        factor = abscissa_factor(f"{where}: {column.name}", x_unit)
+        column = _over_time(where, column, numbers, count, (factor * first, factor * step) if even else None)
+        column = replace(column, time=column.time and replace(column.time, unit=x_unit))
     return _Dataset(name or label, label, column, other), place
 
 

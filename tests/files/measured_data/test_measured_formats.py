@@ -208,6 +208,24 @@ def test_a_structure_without_time_needs_a_rate(tmp_path: Path) -> None:
     check(tmp_path / "d.mat", dt_s=DT_S)
 
 
+def test_a_structure_without_time_takes_what_stands_beside_it(tmp_path: Path) -> None:
+    simulink(tmp_path / "d.mat", np.zeros(0))
+    log = scipy.io.loadmat(tmp_path / "d.mat", struct_as_record=True)["ScopeData"]
+    for beside in ({"tout": TIME_S[:, None]}, {"fs": 1.0 / DT_S}, {"tout": TIME_S[:, None], "dt": DT_S}):
+        scipy.io.savemat(tmp_path / "d.mat", {"ScopeData": log, **beside})
+        assert check(tmp_path / "d.mat").notes == ()
+    scipy.io.savemat(tmp_path / "d.mat", {"ScopeData": log, "tout": TIME_S[:, None], "fs": 500.0})
+    assert "the time column says 1000 Hz (0.001 s), fs says 500 Hz" in refusal(tmp_path / "d.mat")
+
+
+def test_the_time_in_a_matrix_is_compared_with_a_stated_rate(tmp_path: Path) -> None:
+    matrix = np.vstack([TIME_S, *(motion(TIME_S, k) for k in range(3))])
+    np.savez(tmp_path / "a.npz", data=matrix, fs=1.0 / DT_S)
+    assert check(tmp_path / "a.npz").samples.shape == (3, N)
+    np.savez(tmp_path / "a.npz", data=matrix, fs=500.0)
+    assert "the time column says 1000 Hz (0.001 s), fs says 500 Hz" in refusal(tmp_path / "a.npz")
+
+
 def test_arrays_of_simulink_have_their_time(tmp_path: Path) -> None:
     signals = np.array([motion(TIME_S, k) for k in range(3)])
     scipy.io.savemat(tmp_path / "a.mat", {"tout": TIME_S[:, None], "yout": signals.T})
@@ -280,6 +298,36 @@ def test_segments_follow_each_other_or_leave_a_gap(tmp_path: Path) -> None:
     assert "save each segment to a file of its own" in refusal(tmp_path / "c.lvm")
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [
+        ("Samples\t200\t200", "Samples\t300\t300", "the rows end here, 200 of the 300 samples"),
+        ("Y_Unit_Label\tV", "Y_Unit_Label\tmV", "states the unit 'mV' of command, the one before 'V'"),
+    ],
+)
+def test_a_segment_cut_off_or_of_another_unit_is_refused(
+    tmp_path: Path, before: str, after: str, expected: str
+) -> None:
+    labview(tmp_path / "a.lvm", segments=3)
+    head, _, tail = (tmp_path / "a.lvm").read_text().rpartition(before)
+    (tmp_path / "a.lvm").write_text(head + after + tail)
+    assert expected in refusal(tmp_path / "a.lvm")
+
+
+@pytest.mark.parametrize("word", ["NaN", "Inf", "OVER"])
+def test_rows_that_begin_with_a_word_are_no_header(tmp_path: Path, word: str) -> None:
+    labview(tmp_path / "a.lvm", "No", segments=2)
+    lines = (tmp_path / "a.lvm").read_text().replace("\n\t", "\n").replace("X_Value\tcommand", "command").split("\n")
+    assert lines[50][:1] in "-0123456789"
+    lines[50] = "\t".join([word, *lines[50].split("\t")[1:]])
+    (tmp_path / "a.lvm").write_text("\n".join(lines))
+    if word == "OVER":
+        assert refusal(tmp_path / "a.lvm").startswith(":51: command: 'OVER' is not a number")
+    else:
+        found = read_recording(tmp_path / "a.lvm")
+        assert found.samples.shape == (3, N) and np.isnan(found.samples).sum() == 1
+
+
 def test_a_step_that_the_times_contradict_is_refused(tmp_path: Path) -> None:
     labview(tmp_path / "d.lvm")
     text = (tmp_path / "d.lvm").read_text().replace("Delta_X\t0.001000000", "Delta_X\t0.001030000")
@@ -293,6 +341,19 @@ def test_universal_files_without_time_histories_or_cut_off_are_refused(tmp_path:
     universal(tmp_path / "cut.uff", binary=True)
     (tmp_path / "cut.uff").write_bytes((tmp_path / "cut.uff").read_bytes()[:-900])
     assert "floor_2 states 600 samples and holds" in refusal(tmp_path / "cut.uff")
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_the_abscissa_of_a_universal_file_has_its_unit(tmp_path: Path, binary: bool) -> None:
+    universal(tmp_path / "a.uff", late=(0.0, 3.0, 3.0), binary=binary)
+    whole = (tmp_path / "a.uff").read_bytes()
+    in_ms = whole.replace(b"s".ljust(20), b"ms".ljust(20))
+    for before, after in ((b"1.00000E-03", b"1.00000E+00"), (b"3.00000E-03", b"3.00000E+00")):
+        in_ms = in_ms.replace(before, after)
+    (tmp_path / "a.uff").write_bytes(in_ms)
+    check(tmp_path / "a.uff", 3.0)
+    (tmp_path / "a.uff").write_bytes(whole.replace(b"s".ljust(20), b"min".ljust(20)))
+    assert "the unit 'min' of its abscissa is not s, ms or us" in refusal(tmp_path / "a.uff")
 
 
 def test_npz_is_read_by_names(tmp_path: Path) -> None:

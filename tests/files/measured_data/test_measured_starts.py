@@ -95,6 +95,19 @@ def test_equal_starts_change_nothing(tmp_path: Path) -> None:
     assert check(tmp_path / "d.tdms", 0.0, 1e-12) == ""
 
 
+@pytest.mark.parametrize("unit", ["ms", "min"])
+def test_the_unit_of_the_increment_of_tdms_counts(tmp_path: Path, unit: str) -> None:
+    late = (0.0, 3.0, 3.0)
+    stated: list[dict[str, object]] = [
+        {"wf_increment": 1e3 * DT_S, "wf_start_offset": 1e3 * one * DT_S, "wf_xunit_string": unit} for one in late
+    ]
+    tdms(tmp_path / "d.tdms", sampled(late), stated)
+    if unit == "ms":
+        check(tmp_path / "d.tdms", 3.0, 1e-12)
+    else:
+        assert "the unit 'min' of its abscissa" in refusal(tmp_path / "d.tdms")
+
+
 def test_channels_that_share_no_time_are_refused_with_the_shift(tmp_path: Path) -> None:
     tdms(tmp_path / "d.tdms", sampled((0.0, 0.0, 0.0)), [{}, {}, {"wf_start_offset": 60.0}])
     assert "floor_2_m_s2 60000 ms) and share 0 samples" in refusal(tmp_path / "d.tdms")
@@ -166,6 +179,19 @@ def test_text_that_states_other_clocks_than_its_time_is_refused(tmp_path: Path, 
     head = [f"{key}\t{values}", "X_Value\tcommand (V)\ttable (m/s^2)\tfloor_2 (m/s^2)"]
     rows(tmp_path / "d.txt", head, [time_s, *sampled((0.0, 0.0, 0.0))], "\t")
     assert ("1.5 ms" if key == "X0" else "Delta_X") in refusal(tmp_path / "d.txt")
+
+
+@pytest.mark.parametrize(
+    "stated", ["X0,0,0.0015,0.0015", "Start offset (ms),0,1.5,1.5,", "start_offsets,0,0.0015", "X0 (min),0,1,1"]
+)
+def test_text_without_a_time_gives_each_channel_its_start(tmp_path: Path, stated: str) -> None:
+    rows(tmp_path / "d.csv", [f"dt,{DT_S}", stated, ",".join(NAMES)], sampled(LATE))
+    if stated.startswith("start_offsets"):
+        assert ":2: start_offsets states 2 starts above rows of 3 channels" in refusal(tmp_path / "d.csv")
+    elif "min" in stated:
+        assert ":2: X0 is stated in 'min', which is not known" in refusal(tmp_path / "d.csv")
+    else:
+        check(tmp_path / "d.csv", 3.0, 1e-6)
 
 
 def test_starts_that_differ_by_their_rounding_are_one_and_lengths_must_agree(tmp_path: Path) -> None:

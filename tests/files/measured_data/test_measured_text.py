@@ -95,6 +95,11 @@ def test_columns_without_names_are_numbered_and_blank_ones_dropped(tmp_path: Pat
     assert recording.samples.tolist() == [[1, 3, 5], [2, 4, 6]]
 
 
+def test_a_blank_line_behind_every_row_is_no_new_block(tmp_path: Path) -> None:
+    recording = read_recording(write(tmp_path, "a_v,b_v\n\n1,2\n\n3,4\n\n5,6\n"), dt_s=0.001)
+    assert recording.samples.tolist() == [[1, 3, 5], [2, 4, 6]]
+
+
 @pytest.mark.parametrize("end", [",,\n,,\n", "\n\n", ",\t,  \n"])
 def test_blank_rows_at_the_end_are_no_samples(tmp_path: Path, end: str) -> None:
     recording = read_recording(write(tmp_path, "a_v,b_v,c_v\n1,2,3\n,,\n4,5,6\n" + end), dt_s=0.001)
@@ -109,12 +114,30 @@ def test_infinite_samples_are_named_and_missing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "line",
-    ["# dt: 0.0005 s", "# dt: 0.5 ms", "# fs = 2000", "Sample rate (Hz),2000", "% sampling_rate: 2 kHz", "fs_hz\t2000"],
+    [
+        *("# dt: 0.0005 s", "# dt: 0.5 ms", "# fs = 2000", "Sample rate (Hz),2000", "% sampling_rate: 2 kHz"),
+        *("fs_hz\t2000", "Sampling rate (kHz): 2", "Sample rate,2,kHz", "fs = 2.0 [kHz]", "dt (ms): 0.5", "fs,2000,,"),
+        *("Sample interval: 0.5 msec", "Sample rate: 2 kS/s", "# dt: 500 µs", "fs = 2000 npts=5", "fs [kHz],2,2"),
+    ],
 )
 def test_a_stated_rate(tmp_path: Path, line: str) -> None:
     recording = read_recording(write(tmp_path, line + "\na_v,b_g\n" + "1,2\n" * 5))
     assert recording.dt_s == pytest.approx(0.0005, rel=1e-12)
     assert recording.names == ("a_v", "b_g")
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("# fs: 2,000 Hz", ":1: fs is '2,000', in which the comma may stand between thousands"),
+        ("# fs: 2 rpm", ":1: fs is stated in 'rpm', which is not known; give it in Hz or kHz"),
+        ("# dt (min): 2", ":1: dt is stated in 'min', which is not known; give it in s, ms or us"),
+        ("# dt (ms): 0.5 s", ":1: dt has two units that differ"),
+        ("Sample rate,2000,1000", ": line 1 (Sample rate) says 2000 Hz (0.0005 s), line 1 (Sample rate) says 1000 Hz"),
+    ],
+)
+def test_a_rate_in_doubt_is_refused(tmp_path: Path, line: str, expected: str) -> None:
+    assert the_fault(write(tmp_path, line + "\na_v,b_g\n" + "1,2\n" * 5)).startswith(expected)
 
 
 BODY = "".join(f"{k / 100},{k},0\n" for k in range(5))
@@ -137,6 +160,7 @@ BODY = "".join(f"{k / 100},{k},0\n" for k in range(5))
         ("t\n0\n1\n2\n", ": holds no channel beside the time"),
         ("t,time_s,a\n0,0,1\n1,2,2\n2,4,2\n", ": has 2 time columns that differ"),
         ("time (h),a\n0,1\n1,2\n2,3\n", ": the unit of 'time (h)' is not s, ms or us"),
+        ("# fs: 9\na,b\n1,2\n3,4\n\n5,6\n", ":6: another block of rows begins here, and no time says"),
         ("# fs: 0\na\n1\n2\n3\n", ": line 1 (fs) says an interval of inf s"),
         ("PK\x03\x04 xl/workbook.xml", ": is an Excel workbook; save the sheet as CSV"),
         ("PK\x03\x04 a.txt", ": is a zip archive"),

@@ -14,11 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.measured_data.recording import Column, Contents
+from rths_cli.files.measured_data.recording import Column, Contents, half_digit
 from rths_cli.files.measured_data.time_stamps import stamps_ns
 from rths_cli.numerics.lti import Array
 
 _END = "***End_of_Header***"
+_SPECIAL = ("***Start_Special***", "***End_Special***")
 _SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
 _LONGEST_HEADER = 100  # lines of a segment's header
 _NEAR = 0.2  # of a sample, within which a segment begins at a whole sample after the one before
@@ -63,6 +64,7 @@ def labview_contents(path: Path, lines: Sequence[str]) -> Contents:
     separator = next(
         (mark for word, mark in _SEPARATORS.items() if f"Separator{mark}{word.title()}" in lines[:10]), "\t"
     )
+    lines = _without_special(lines)
     header, first = _header(lines, 0, separator)
     told = _File(
         path,
@@ -77,6 +79,17 @@ def labview_contents(path: Path, lines: Sequence[str]) -> Contents:
         joined = _joined(told, segments[0], before, segment, joined, after)
     every = [line for segment in segments for line in segment.lines]
     return Contents(joined, notes=_doubts(told, segments[0]), line_of=lambda row: every[row], format="LabVIEW .lvm")
+
+
+def _without_special(lines: Sequence[str]) -> list[str]:
+    """Return the lines, blank ones in place of the blocks from ***Start_Special*** to ***End_Special***."""
+    kept: list[str] = []
+    special = False
+    for line in lines:
+        special = special or line.startswith(_SPECIAL[0])
+        kept.append("" if special else line)
+        special = special and not line.startswith(_SPECIAL[1])
+    return kept
 
 
 def _header(lines: Sequence[str], first: int, separator: str) -> tuple[dict[str, list[str]], int]:
@@ -102,6 +115,7 @@ def _segments(path: Path, lines: Sequence[str], first: int, separator: str) -> l
     place = first
     while place < len(lines):
         header, start = _header(lines, place, separator)
+        start += next((k for k, line in enumerate(lines[start : start + _LONGEST_HEADER]) if line.strip()), 0)
         names = tuple(cell.strip() for cell in lines[start].split(separator)) if start < len(lines) else ()
         place = start + 1
         rows: list[list[str]] = []
@@ -223,9 +237,7 @@ def _check_step(told: _File, segment: _Segment, channel: int, x: Array) -> None:
     if not np.median(steps) > 0.0:
         return  # which the clock's reader tells with its line
     usual = float(np.mean(steps[np.abs(steps - np.median(steps)) <= 0.5 * abs(np.median(steps))]))
-    digit = 10.0 ** -len(word.lower().partition("e")[0].partition(told.mark)[2])
-    power = word.lower().partition("e")[2]
-    if abs(usual - step) > 0.5 * digit * (10.0 ** int(power) if power else 1.0) + 1e-4 * abs(step):
+    if abs(usual - step) > half_digit(word, told.mark) + 1e-4 * abs(step):
         raise InputError(
             f"{told.path}:{segment.line}: Delta_X of channel {channel + 1} is {step:.9g} s, X_Value steps by "
             f"{usual:.9g} s; correct or remove one of them"

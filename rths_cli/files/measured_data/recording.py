@@ -135,6 +135,12 @@ def start_of(value: object) -> float | None:
     return found if np.isfinite(found) else None
 
 
+def half_digit(word: str, mark: str = ".") -> float:
+    """Return half the last digit of a number as it is written, such as `1.23456E+02`: what its rounding leaves open."""
+    figures, _, power = word.strip().lower().partition("e")
+    return float(0.5 * 10.0 ** (int(power or 0) - len(figures.partition(mark)[2])))
+
+
 def differ(columns: Sequence[Column]) -> bool:
     """Say whether the channels state starts that are not all one; a channel that states none agrees with 0 only."""
     stated = {column.start_s for column in columns}

@@ -66,6 +66,7 @@ def text_contents(path: Path, text: str) -> Contents:
     kept = _one_table(path, lines, kept, layout)
     rows, stamps = _without_stamps(path, [lines[k] for k in kept], kept, layout.separator)
     rows = _one_decimal_mark(path, rows, kept, layout.separator)
+    _check_quotes(path, rows, kept, layout.separator)
     _check_lengths(path, rows, kept, layout)
     values = _numbers(path, rows, kept, layout)
     columns = [Column(*each) for each in zip(layout.names, values.T, layout.units, layout.starts_s, strict=True)]
@@ -81,7 +82,11 @@ def _one_table(path: Path, lines: list[str], kept: list[int], layout: Layout) ->
     heads = [k for k in kept if lines[k].strip() in above]
     behind = [after for k, after in pairwise(kept) if not all(lines[k + 1 : after])]
     heads = heads or (behind if len(behind) < len(kept) - 1 else [])  # else every row has a blank line behind it
-    if heads and not any(map(is_time, layout.names)) and not any(map(is_date, _cells(lines[kept[0]], layout.separator))):
+    if (
+        heads
+        and not any(map(is_time, layout.names))
+        and not any(map(is_date, _cells(lines[kept[0]], layout.separator)))
+    ):
         raise InputError(
             f"{path}:{heads[0] + 1}: another block of rows begins here, and no time says how it follows the rows "
             "above; add a time column, or give each block in a file of its own"
@@ -264,9 +269,15 @@ def _names(
     blank = ("",) * count
     if not fitting:
         return blank, blank
-    if len(fitting) > 1 and 2 * sum(is_unit(cell) for cell in fitting[-1]) >= count:
+    if len(fitting) > 1 and _are_units(fitting[-1], fitting[-2]):
         return tuple(fitting[-2]), tuple(cell.strip(" -[]()") for cell in fitting[-1])
     return tuple(fitting[-1]), blank
+
+
+def _are_units(cells: list[str], above: list[str]) -> bool:
+    """Say whether a row of cells holds the units of the names above: half of them are known, or that of the time is."""
+    of_time = any(is_time(name) and cell and time_factor("", cell) for name, cell in zip(above, cells, strict=True))
+    return of_time or 2 * sum(map(is_unit, cells)) >= len(cells)
 
 
 def interval_in_line(path: Path, number: int, line: str) -> tuple[str, float] | None:
@@ -343,6 +354,17 @@ def _one_decimal_mark(path: Path, rows: list[str], kept: Sequence[int], separato
             f"{kept[min(comma, point)] + 1}); write one of them throughout"
         )
     return [row.replace(",", ".") for row in rows]
+
+
+def _check_quotes(path: Path, rows: list[str], kept: Sequence[int], separator: str | None) -> None:
+    """Raise InputError with the first quoted cell that has a comma between commas."""
+    for k, row in zip(kept, rows, strict=True) if separator == "," else ():
+        cell = next((cell for cell in next(csv.reader([row])) if "," in cell), "") if '"' in row else ""
+        if cell:
+            raise InputError(
+                f"{path}:{k + 1}: {cell[:40]!r} has a comma, before a fraction or between thousands, where commas "
+                "separate the cells; save it with decimal points, or with semicolons between the cells"
+            )
 
 
 def _check_lengths(path: Path, rows: list[str], kept: Sequence[int], layout: Layout) -> None:

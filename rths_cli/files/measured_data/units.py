@@ -19,6 +19,7 @@ _TIME_UNITS = {
     **dict.fromkeys(("ms", "msec", "msecs", "millisecond", "milliseconds"), 1e-3),
     **dict.fromkeys(("us", "µs", "μs", "usec", "usecs", "microsecond", "microseconds"), 1e-6),
 }
+_TEMPERATURES = ("degc", "deg c", "celsius", "c", "degf", "deg f", "fahrenheit", "f", "k", "kelvin")
 _PER_SECOND = ("hz", "s/s", "sa/s", "sps", "1/s", "samples/s", "samples/sec", "samples/second", "samples per second")
 _RATE_UNITS = {**dict.fromkeys(_PER_SECOND, 1.0), **dict.fromkeys(("khz", "ks/s", "ksa/s", "ksps", "1/ms"), 1e3)}
 _VOLT = {"v": "V", "volt": "V", "volts": "V", "mv": "mV", "millivolt": "mV", "millivolts": "mV"}
@@ -97,6 +98,9 @@ def rate_factor(stated: str) -> float | None:
 
 def is_time(name: str) -> bool:
     """Say whether a column's name is that of the time, of all channels or of one (`table time (s)`, `time_command`)."""
+    bracket = _BRACKETS.search(name)
+    if bracket and bracket[1].strip(" °º").lower() in _TEMPERATURES:
+        return False
     words = _words(_TIME_SUFFIX.sub("", _BRACKETS.sub("", name)))
     of_one = len(words) > 1 and (words[-1] == "time" or (words[0] == "time" and words[1] in _PLACES))
     return "".join(words) in _TIME_NAMES or of_one

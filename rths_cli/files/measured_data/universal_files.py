@@ -13,7 +13,17 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.measured_data.recording import Column, Contents, listed, simplest
+from rths_cli.files.measured_data.recording import (
+    JITTER,
+    WHOLE,
+    Column,
+    Contents,
+    differ,
+    half_digit,
+    listed,
+    shifts,
+    simplest,
+)
 from rths_cli.files.measured_data.units import abscissa_factor
 from rths_cli.numerics.lti import Array
 
@@ -28,12 +38,14 @@ _DX_DIGITS = 5.1e-6  # relative rounding of an interval that is written as E13.5
 
 @dataclass(frozen=True)
 class _Dataset:
-    """A dataset 58: its name, node and direction, its column; "" in `other`, or what kind of function it is."""
+    """A dataset 58: its name, node and direction, its column; "" in `other`, or what kind of function it is;
+    `doubt_s` is half the last digit of its start."""
 
     name: str
     node: str
     column: Column
     other: str
+    doubt_s: float = 0.0
 
 
 def is_universal(data: bytes) -> bool:
@@ -76,7 +88,25 @@ def universal_contents(path: Path, data: bytes) -> Contents:
     steps = [column.dt_s for column in columns if column.dt_s is not None]
     stated = (("the abscissa increment", max(steps)),) if steps else ()
     notes = (f"not used, because they are no time histories: {listed(skipped)}",) if skipped else ()
+    notes = (*notes, *_doubtful_starts(path, used))
     return Contents(tuple(columns), stated, notes, format="universal file 58")
+
+
+def _doubtful_starts(path: Path, used: list[_Dataset]) -> list[str]:
+    """Return a sentence where channels start at different times written with few digits; raise InputError where these
+    leave more of an interval open than `JITTER`."""
+    worst = max(used, key=lambda each: each.doubt_s)
+    doubt = worst.doubt_s / min(each.column.dt_s or np.inf for each in used)
+    columns = [each.column for each in used]
+    if doubt <= WHOLE or not differ(columns):
+        return []
+    told = (
+        f"the channels start at different times ({shifts(columns)}), that of {worst.name} is written to "
+        f"{2.0 * worst.doubt_s:.3g} s, {2.0 * doubt:.3g} of an interval"
+    )
+    if doubt > JITTER:
+        raise InputError(f"{path}: {told}; export the channels with starts counted from the first one")
+    return [told]
 
 
 def _line(data: bytes, place: int) -> tuple[bytes, int] | None:
@@ -133,7 +163,8 @@ def _dataset(path: Path, data: bytes, kind: bytes, place: int) -> tuple[_Dataset
         factor = abscissa_factor(f"{where}: {column.name}", x_unit)
         column = _over_time(where, column, numbers, count, (factor * first, factor * step) if even else None)
         column = replace(column, time=column.time and replace(column.time, unit=x_unit))
-    return _Dataset(name or label, label, column, other), place
+    doubt = 0.0 if other or not first else factor * half_digit(head[6][30:43].replace("D", "E"))
+    return _Dataset(name or label, label, column, other, doubt), place
 
 
 def _binary(raw: bytes, kind: type, order: int) -> Array:

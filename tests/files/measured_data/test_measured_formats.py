@@ -314,6 +314,14 @@ def test_a_segment_cut_off_or_of_another_unit_is_refused(
     assert expected in refusal(tmp_path / "a.lvm")
 
 
+def test_special_blocks_of_labview_are_left_out(tmp_path: Path) -> None:
+    labview(tmp_path / "a.lvm", segments=2)
+    text = (tmp_path / "a.lvm").read_text()
+    block = "***Start_Special***\t\nlog\t5\n***End_Special***\t\n"
+    (tmp_path / "a.lvm").write_text(text.replace("X_Value", f"{block}X_Value").replace("Channels", f"{block}Channels"))
+    check(tmp_path / "a.lvm")
+
+
 @pytest.mark.parametrize("word", ["NaN", "Inf", "OVER"])
 def test_rows_that_begin_with_a_word_are_no_header(tmp_path: Path, word: str) -> None:
     labview(tmp_path / "a.lvm", "No", segments=2)
@@ -354,6 +362,14 @@ def test_the_abscissa_of_a_universal_file_has_its_unit(tmp_path: Path, binary: b
     check(tmp_path / "a.uff", 3.0)
     (tmp_path / "a.uff").write_bytes(whole.replace(b"s".ljust(20), b"min".ljust(20)))
     assert "the unit 'min' of its abscissa is not s, ms or us" in refusal(tmp_path / "a.uff")
+
+
+def test_starts_of_a_universal_file_need_their_digits(tmp_path: Path) -> None:
+    universal(tmp_path / "a.uff", late=(123456.0, 123456.5, 123456.0))
+    assert "that of command is written to 0.001 s, 1 of an interval" in refusal(tmp_path / "a.uff")
+    for late, notes in (((123456.0,) * 3, 0), ((1000.0, 1003.0, 1003.0), 2), ((0.0, 3.0, 3.0), 1)):
+        universal(tmp_path / "a.uff", late)
+        assert len(check(tmp_path / "a.uff", max(late)).notes) == notes
 
 
 def test_npz_is_read_by_names(tmp_path: Path) -> None:

@@ -137,7 +137,7 @@ def test_names_of_time() -> None:
     assert all(
         map(is_time, ["t", "Time", "time_s", "Time (sec)", "TIME [ms]", "time stamp", "X_Value", "elapsed_time_s"])
     )
-    assert not any(map(is_time, ["table", "u", "time delay", "ts", "temperature"]))
+    assert not any(map(is_time, ["table", "u", "time delay", "ts", "temperature", "T (degC)", "T [°C]"]))
     assert [time_factor(*pair) for pair in [("t", ""), ("time_ms", ""), ("t (us)", ""), ("t", "h"), ("t", "ms")]] == [
         1.0,
         1e-3,

@@ -47,6 +47,7 @@ from rths_cli.files.user_code import (
     changed,
     code_of_file,
     comes_back,
+    imported,
     installed_module,
     module_of_text,
     told,
@@ -62,6 +63,7 @@ MOST_STATES, MOST_PARAMETERS = 500, 5000
 LONGEST_TRIAL_S = 10.0  # of the calls by which a law is tried
 DESIGNED_AGAIN_S = 1.0  # the longest design that is made twice, to see that it gives the same
 COMPILED_AS_PYTHON = 1e-9  # of the largest number that a law gives: how near compiled code is to it
+NEVER_TWICE_THE_SAME = {"time", "datetime", "random", "secrets"}  # modules
 PHASE_LINES = 200  # of the compared band, over which the lag of the table is averaged
 # what numba raises of source that it does not know: its own errors, of which one is no NumbaError, and bare ones
 NOT_COMPILED = (
@@ -285,6 +287,8 @@ def _of_module(module: ModuleType, who: str, text: str) -> Definition:
         faults.append(f"STATES must be a whole number from 0 to {MOST_STATES}")
     faults += [f"{name} must be a function" for name, one in (("design", design), ("linear", linear))
                if one is not None and not callable(one)]  # fmt: skip
+    if clocks := ", ".join(sorted(imported(text) & NEVER_TWICE_THE_SAME)):
+        faults.append(f"imports {clocks}: what a law gives may not depend on clock or chance; remove it")
     if faults:
         raise InputError(*(f"{FIELD}: {who}: {fault}" for fault in faults))
     known = {name: Option(*one) for name, one in options.items()}

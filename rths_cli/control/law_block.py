@@ -198,7 +198,8 @@ def derived_block(law: Law, dt_s: float) -> Block | None:
     n, m = law.states, 3 + law.channels + 1
     rng = np.random.default_rng(1)
     try:
-        matrix = _superposed(law, n, m, rng)
+        with np.errstate(all="ignore"):
+            matrix = _superposed(law, n, m, rng)
     except Exception:  # a table that ends, a root: such a law is not linear, and its trial is one of usual motions
         return None
     if matrix is None:
@@ -206,7 +207,9 @@ def derived_block(law: Law, dt_s: float) -> Block | None:
     names = (*DESIRED, *measured_names(law.channels), SENT)
     found = Block("feedforward", matrix[1:, :n], matrix[1:, n:], matrix[:1, :n], matrix[:1, n:], dt_s, names,
                   ("command_v",))  # fmt: skip
-    return found if _follows(law, found, rng.standard_normal((IN_A_ROW, m))) else None
+    with np.errstate(all="ignore"):
+        follows = _follows(law, found, rng.standard_normal((IN_A_ROW, m)))
+    return found if follows else None
 
 
 def _superposed(law: Law, n: int, m: int, rng: np.random.Generator) -> Array | None:
@@ -230,6 +233,8 @@ def _follows(law: Law, block: Block, inputs: Array) -> bool:
         wanted = float((block.C @ state + block.D @ given).item())
         code = float(made.command(given[:3].copy(), given[3:-1].copy(), float(given[-1])))
         state = block.A @ state + block.B @ given
+        if not np.isfinite(state).all():
+            return True  # so far it did: a block that is unstable
         if not abs(code - wanted) <= FOLLOWS * (float(size[0]) * (1.0 + np.abs(state).max(initial=0.0))):
             return False
     return True

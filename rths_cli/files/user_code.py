@@ -118,6 +118,17 @@ def unbounded_work(text: str, instead: str, left_out: Collection[str] = ()) -> I
                 yield f"line {line}: nothing may be raised while a table moves; return {instead}"
 
 
+def imported(text: str) -> set[str]:
+    """Return the names of the modules that a text imports, without those inside of packages."""
+    found = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            found |= {one.name.partition(".")[0] for one in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found.add(node.module.partition(".")[0])
+    return found
+
+
 def comes_back(work: Callable[[], object], seconds: float) -> bool:
     """Do a work in a thread, and return whether it has come to its end in time; one that has not goes on, because code
     cannot be stopped."""

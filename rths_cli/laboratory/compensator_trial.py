@@ -20,6 +20,7 @@ from rths_cli.control.interface import PartDesign
 from rths_cli.control.law_block import STEP_SHARE, Law, derived_block, seconds_per_call
 from rths_cli.control.law_trial import RANGE_V, SECONDS, BlockLaw, Played, code_and_block, motion, played
 from rths_cli.errors import InputError
+from rths_cli.files.user_code import told
 from rths_cli.numerics.lti import Block
 from rths_cli.rigs.contract import Kept
 
@@ -48,7 +49,16 @@ def clauses(definition: Definition) -> Iterator[Kept]:
         (f"a step takes at most {STEP_SHARE:g} of the interval", lambda: _in_time(made, part, plant)),
     )
     for clause, fault in tried:
-        yield Kept(clause, fault())
+        yield Kept(clause, _found(fault))
+
+
+def _found(fault: Callable[[], str]) -> str:
+    """Return what a trial finds, which may be that the user's code fails."""
+    try:
+        with np.errstate(all="ignore"):
+            return fault()
+    except Exception as error:  # whatever the user's code raises
+        return f"the code fails there: {told(error)}"
 
 
 def _moved(law: Law | BlockLaw, plant: Plant, peak_m: float, still_s: float = 0.0) -> Played:

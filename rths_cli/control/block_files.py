@@ -24,6 +24,7 @@ MOST_STATES = 500
 NAMES = ("A", "B", "C", "D", "dt_s", "inputs", "outputs")
 OUTPUT = "command_v"
 SAME_INTERVAL = 1e-9  # relative
+ON_THE_CIRCLE = 1e-9  # nearer than this to the unit circle a pole is on it
 
 
 def placed_block(field: str, block: Block, dt_s: float, channels: int) -> Block:
@@ -31,7 +32,8 @@ def placed_block(field: str, block: Block, dt_s: float, channels: int) -> Block:
 
     Its inputs are of the desired motion (`desired_accel_m_s2`, `desired_vel_m_s`, `desired_disp_m`) and of the
     corrected samples of `channels` accelerometers (`table_accel_m_s2`, `floor_accel_1_m_s2`, ...), in any order; its
-    one output is `command_v`. Raises InputError for other signals, another sample time, and what is not finite.
+    one output is `command_v`. Raises InputError for other signals, another sample time, what is not finite, and a
+    filter of the desired motion that is unstable.
     """
     known = (*DESIRED, *measured_names(channels))
     faults = [f"the input {name!r} is none; known: {', '.join(known)}" for name in block.inputs if name not in known]
@@ -56,6 +58,12 @@ def placed_block(field: str, block: Block, dt_s: float, channels: int) -> Block:
     for i, name in enumerate(block.inputs):
         if known.index(name) < width:
             b[:, known.index(name)], d[:, known.index(name)] = block.B[:, i], block.D[:, i]
+    radius = float(np.abs(np.linalg.eigvals(block.A)).max(initial=0.0))
+    if width == len(DESIRED) and radius >= 1.0 - ON_THE_CIRCLE:
+        raise InputError(
+            f"{field}: the compensator is unstable by itself: its spectral radius is {radius:.6g}, which no feedback "
+            "changes, since it uses the desired motion only; give it poles inside the unit circle (no integrator)"
+        )
     return replace(block, name="feedforward", B=b, D=d, dt_s=dt_s, inputs=known[:width], outputs=OUTPUTS)
 
 
@@ -103,8 +111,7 @@ def _content(field: str, path: Path) -> Mapping[str, Any]:
 def _block(field: str, path: Path, found: Mapping[str, Any]) -> Block:
     """Return the block that values make; raises InputError for shapes that do not fit."""
     try:
-        d = np.atleast_2d(np.asarray(found["D"], dtype=float))
-        a = np.asarray(found["A"], dtype=float)
+        d, a = np.atleast_2d(_real("D", found["D"])), _real("A", found["A"])
         n = 0 if a.size == 0 else np.atleast_2d(a).shape[0]
         if n > MOST_STATES:
             raise ValueError(f"it has {n} states, at most {MOST_STATES}")
@@ -112,7 +119,7 @@ def _block(field: str, path: Path, found: Mapping[str, Any]) -> Block:
             _shaped(name, found[name], shape)
             for name, shape in (("A", (n, n)), ("B", (n, d.shape[1])), ("C", (d.shape[0], n)))
         )
-        dt_s = float(np.asarray(found["dt_s"], dtype=float).reshape(()))
+        dt_s = float(_real("dt_s", found["dt_s"]).reshape(()))
         signals = (_texts(found[name]) for name in ("inputs", "outputs"))
         if not dt_s > 0.0:
             raise ValueError(f"dt_s must be > 0, got {dt_s:g}: the block is discrete")
@@ -122,13 +129,23 @@ def _block(field: str, path: Path, found: Mapping[str, Any]) -> Block:
 
 
 def _shaped(name: str, value: Any, shape: tuple[int, int]) -> Array:
-    found = np.asarray(value, dtype=float)
+    found = _real(name, value)
     if found.size == 0 and 0 in shape:
         return np.zeros(shape)
     found = np.atleast_2d(found)
     if found.shape != shape:
         raise ValueError(f"{name} must have the shape {shape}, by A and D, got {found.shape}")
     return found
+
+
+def _real(name: str, value: Any) -> Array:
+    """Return a matrix of real numbers; raises ValueError for an imaginary part, which no filter of signals has."""
+    found = np.asarray(value)
+    if np.iscomplexobj(found):
+        if found.imag.any():
+            raise ValueError(f"{name} has an imaginary part (up to {np.abs(found.imag).max():g}), it must be real")
+        found = found.real
+    return np.asarray(found, dtype=float)
 
 
 def _texts(value: Any) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -38,10 +39,21 @@ from rths_cli.case.compensator_schema import OWN, STATE_SPACE, built_in_compensa
 from rths_cli.case.plugin_interface import COMPENSATORS
 from rths_cli.control.block_files import placed_block, read_block
 from rths_cli.control.interface import PartDesign, not_judged
-from rths_cli.control.law_block import Law, declared_block, derived_block, with_sent_before
+from rths_cli.control.law_block import Law, declared_block, derived_block, samples_of_motion, with_sent_before
+from rths_cli.control.law_trial import code_and_block
 from rths_cli.control.python_parts import PythonFeedforward
 from rths_cli.errors import InputError
-from rths_cli.files.user_code import code_of_file, comes_back, installed_module, module_of_text, told, unbounded_work
+from rths_cli.files.user_code import (
+    changed,
+    code_of_file,
+    comes_back,
+    imported,
+    installed_module,
+    module_of_text,
+    told,
+    unbounded_work,
+    variables,
+)
 from rths_cli.numerics.lti import Array, Block, Model
 from rths_cli.numerics.user_functions import UserFunction, compile_command
 from rths_cli.structure import Specimen
@@ -49,6 +61,9 @@ from rths_cli.structure import Specimen
 FIELD = "controller"
 MOST_STATES, MOST_PARAMETERS = 500, 5000
 LONGEST_TRIAL_S = 10.0  # of the calls by which a law is tried
+DESIGNED_AGAIN_S = 1.0  # the longest design that is made twice, to see that it gives the same
+COMPILED_AS_PYTHON = 1e-9  # of the largest number that a law gives: how near compiled code is to it
+NEVER_TWICE_THE_SAME = {"time", "datetime", "random", "secrets"}  # modules
 PHASE_LINES = 200  # of the compared band, over which the lag of the table is averaged
 # what numba raises of source that it does not know: its own errors, of which one is no NumbaError, and bare ones
 NOT_COMPILED = (
@@ -131,6 +146,16 @@ class Definition:
     command: Callable[..., float] | None
     made: Callable[[Array], Any] | None
     linear: Callable[[Array, float], Any] | None
+    module: ModuleType
+    loaded: Mapping[str, Any]  # what the module's variables held at first
+
+    def changed(self) -> str:
+        """Return the sentence for variables of the module that are no longer what they were, "" for none."""
+        names = ", ".join(changed(self.loaded, variables(self.module)))
+        return names and (
+            f"design or command changes the module's {names}, of which compiled code keeps the first value; return "
+            "numbers from design, and keep what changes during calls in state"
+        )
 
     def values(self, stated: Mapping[str, float]) -> dict[str, float | None]:
         """Return every option; raises InputError for unknown ones and for those out of their range."""
@@ -195,7 +220,25 @@ class Compensator:
             assert self.block is not None
             return placed_block(FIELD, self.block, plant.dt_s, plant.channels)
         made = designed_law(self.definition, self.options, plant)
-        return made if isinstance(made, Block) else part_of_law(self.definition, made, plant.dt_s)
+        if isinstance(made, Block):
+            return made
+        part = part_of_law(self.definition, made, plant.dt_s)
+        if isinstance(part, CompiledLaw | CalledLaw) and part.judged is not None:
+            _agree(made, part.judged, plant)
+        return part
+
+
+def _agree(law: Law, judged: Block, plant: Plant) -> None:
+    """Raise InputError where the block by which a law is judged is another one than its code, for small motions."""
+    try:
+        off = code_and_block(law, judged, plant.channels, plant.lag_s / plant.dt_s, exact=False)
+    except Exception as error:  # whatever the user's code raises
+        off = f"the code failed: {told(error)}"
+    if off:
+        raise InputError(
+            f"{FIELD}: {law.name}: the block by which the check judges it is not its code for a motion of 1 um: {off}; "
+            "correct linear or command (rths plugin test tries both)"
+        )
 
 
 def compensator_of(spec: CompensatorSpec) -> Compensator:
@@ -244,11 +287,19 @@ def _of_module(module: ModuleType, who: str, text: str) -> Definition:
         faults.append(f"STATES must be a whole number from 0 to {MOST_STATES}")
     faults += [f"{name} must be a function" for name, one in (("design", design), ("linear", linear))
                if one is not None and not callable(one)]  # fmt: skip
+    if clocks := ", ".join(sorted(imported(text) & NEVER_TWICE_THE_SAME)):
+        faults.append(f"imports {clocks}: what a law gives may not depend on clock or chance; remove it")
     if faults:
         raise InputError(*(f"{FIELD}: {who}: {fault}" for fault in faults))
     known = {name: Option(*one) for name, one in options.items()}
     source = str(getattr(module, "SOURCE", ""))
-    return Definition(who, text, source, known, states, design, command, made, linear)
+    return Definition(who, text, source, known, states, design, command, made, linear, module, _at_first(module))
+
+
+@lru_cache(maxsize=100)
+def _at_first(module: ModuleType) -> Mapping[str, Any]:
+    """Return what the variables of a module held when it was used first in this process."""
+    return variables(module)
 
 
 def _faults_of_options(options: object) -> Sequence[str]:
@@ -276,9 +327,34 @@ def designed_law(definition: Definition, options: Mapping[str, float | None], pl
     state and inputs.
     """
     who = f"{FIELD}: {definition.who}"
-    given: Any = list(options.values()) if definition.design is None else _called(definition, options, plant)
+    started = time.perf_counter()
+    given = _given(definition, options, plant)
+    short = definition.design is not None and time.perf_counter() - started <= DESIGNED_AGAIN_S
+    again = _given(definition, options, plant) if short else given
+    if told_of := definition.changed():
+        raise InputError(f"{who}: {told_of}")
+    if not _same(given, again):
+        raise InputError(f"{who}: design gives another result when it is called again; use plant and options only")
     if isinstance(given, Block):
         return placed_block(who, given, plant.dt_s, plant.channels)
+    if definition.command is None and definition.made is None:
+        raise InputError(f"{who}: design gives numbers, but there is no function command and no class Compensator")
+    law = Law(definition.who, given, definition.states, plant.channels, definition.command, definition.made)
+    faults: list[str] = []
+    if not comes_back(lambda: faults.extend(_faults_of(law)), LONGEST_TRIAL_S):
+        faults = [f"command has not come back within {LONGEST_TRIAL_S:g} s; bound its loops"]
+    faults += [told_of] if (told_of := definition.changed()) and not faults else []
+    if faults:
+        raise InputError(*(f"{who}: {fault}" for fault in faults))
+    return law
+
+
+def _given(definition: Definition, options: Mapping[str, float | None], plant: Plant) -> Array | Block:
+    """Return the numbers (p,) of a law, or its block, as its design gives them; raises InputError for anything else."""
+    who = f"{FIELD}: {definition.who}"
+    given: Any = list(options.values()) if definition.design is None else _called(definition, options, plant)
+    if isinstance(given, Block):
+        return given
     try:
         numbers = np.array([float(one) for one in given], dtype=float)
     except (TypeError, ValueError):
@@ -288,15 +364,14 @@ def designed_law(definition: Definition, options: Mapping[str, float | None], pl
         raise InputError(f"{who}: {told_of}") from None
     if numbers.size > MOST_PARAMETERS or not np.isfinite(numbers).all():
         raise InputError(f"{who}: design must give at most {MOST_PARAMETERS} finite numbers")
-    if definition.command is None and definition.made is None:
-        raise InputError(f"{who}: design gives numbers, but there is no function command and no class Compensator")
-    law = Law(definition.who, numbers, definition.states, plant.channels, definition.command, definition.made)
-    faults: list[str] = []
-    if not comes_back(lambda: faults.extend(_faults_of(law)), LONGEST_TRIAL_S):
-        faults = [f"command has not come back within {LONGEST_TRIAL_S:g} s; bound its loops"]
-    if faults:
-        raise InputError(*(f"{who}: {fault}" for fault in faults))
-    return law
+    return numbers
+
+
+def _same(one: Array | Block, other: Array | Block) -> bool:
+    """Return whether two designs are the same."""
+    if isinstance(one, Block) and isinstance(other, Block):
+        return all(np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True) for name in "ABCD")
+    return not isinstance(one, Block) and not isinstance(other, Block) and np.array_equal(one, other)
 
 
 def _faults_of(law: Law) -> Sequence[str]:
@@ -330,9 +405,26 @@ def part_of_law(definition: Definition, law: Law, dt_s: float) -> PartDesign:
     elif definition.linear is not None:
         judged = placed_block(FIELD, declared_block(definition.linear, law, dt_s), dt_s, law.channels)
     function = compiled_function(definition, law)
+    if told_of := definition.changed() or law.remembers():
+        raise InputError(f"{FIELD}: {law.name}: {told_of}")
     if isinstance(function, UserFunction):
+        _compiled_is_the_law(function, law)
         return CompiledLaw(definition.who, function, law.parameters, law.states, judged, declares=derived is None)
     return CalledLaw(definition.who, law.in_step, judged, remembers=1, declares=derived is None)
+
+
+def _compiled_is_the_law(function: UserFunction, law: Law) -> None:
+    """Raise InputError where compiled code gives other numbers than the same code in Python."""
+    after = np.zeros(law.states)
+    for state, given in samples_of_motion(law.states, law.channels):
+        wanted = law.evaluated(state, given)
+        command = function.checked(law.parameters, state, after, given[:3], given[3:-1], float(given[-1]))
+        off = np.abs(np.concatenate([[command], after]) - wanted).max()
+        if not off <= COMPILED_AS_PYTHON * np.abs(wanted).max():
+            raise InputError(
+                f"{FIELD}: {law.name}: compiled, it gives {command:.6g} V, in Python {wanted[0]:.6g} V (largest "
+                f"difference, with its states: {off:.3g}); keep its numbers in parameters, and integers small"
+            )
 
 
 def without_sent(block: Block) -> Block:

@@ -12,6 +12,7 @@ import numpy as np
 
 from rths_cli.control.feedforward import INPUTS as DESIRED
 from rths_cli.errors import InputError
+from rths_cli.files.user_code import changed, contents
 from rths_cli.numerics.lti import Array, Block
 
 SENT = "sent_v"
@@ -55,8 +56,13 @@ class Law:
         state = getattr(made, "state", None)
         if not isinstance(state, np.ndarray) or state.ndim != 1 or state.dtype != float:
             raise InputError(
-                f"controller: {self.name}: class Compensator has no attribute state, an array (n,) of floats with all "
-                "that it remembers; add it, zeros at rest"
+                f"controller: {self.name}: class Compensator has {_instead(state)} state, an array (n,) of floats with "
+                "all that it remembers; write self.state = np.zeros(n) in __init__"
+            )
+        if "state" in vars(type(made)):
+            raise InputError(
+                f"controller: {self.name}: state belongs to the class, so that its objects share it; write "
+                "self.state = np.zeros(n) in __init__"
             )
         return made
 
@@ -64,6 +70,21 @@ class Law:
     def tried(self) -> Any:
         """Return the one object that is tried: what it remembers beside its state must show."""
         return self.new()
+
+    @cached_property
+    def beside_state(self) -> dict[str, Any]:
+        """Return what the one object holds beside its state when it is new."""
+        return self._beside_state()
+
+    def _beside_state(self) -> dict[str, Any]:
+        held = {} if self.made is None else getattr(self.tried, "__dict__", {})
+        own = type(self.tried).__module__
+        return contents({name: one for name, one in held.items() if name != "state"}, own)
+
+    def remembers(self) -> str:
+        """Return the sentence for attributes beside its state that calls have changed, "" for none."""
+        names = ", ".join(changed(self.beside_state, self._beside_state()))
+        return names and f"remembers {names} beside state; keep all that changes during calls in state"
 
     def evaluated(self, state: Array, given: Array) -> Array:
         """Return the command, then the next state, (1 + n,), for a state (n,) and inputs (3 + c + 1,): desired motion,
@@ -85,10 +106,19 @@ class Law:
             raise
         except Exception as error:
             told = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-            return [f"command failed: {told}"]
+            stated = self.command is None or "size 0" not in told
+            return [f"command failed: {told}{'' if stated else '; STATES, how many numbers it remembers, is 0'}"]
 
     def _faults(self) -> Iterator[str]:
         n, m = self.states, 3 + self.channels + 1
+        new, another = self.new(), self.new()
+        if np.shares_memory(new.state, another.state):
+            yield "its objects share one array state; make it in __init__"
+            return
+        if new.state.any():
+            yield f"state must be zero at rest, got {new.state[:5].tolist()}; a test begins there"
+            return
+        _ = self.beside_state  # as it is before the first call
         if np.any(self.evaluated(np.zeros(n), np.zeros(m)) != 0.0):
             yield "at rest (state and inputs zero) command and next_state must be 0: a test begins there without a jump"
         for state, given in samples_of_motion(n, self.channels):
@@ -104,6 +134,16 @@ class Law:
             if not (np.array_equal(kept, given) and np.array_equal(numbers, self.parameters)):
                 yield "changes its inputs or parameters; write to next_state only"
                 return
+        if told := self.remembers():
+            yield told
+
+
+def _instead(state: Any) -> str:
+    """Return what an object has that has no array of floats as its state."""
+    if state is None:
+        return "no attribute"
+    kind = f"{state.ndim}-dimensional array of {state.dtype}" if isinstance(state, np.ndarray) else type(state).__name__
+    return f"a {kind} as its"
 
 
 class _OfFunction:
@@ -156,8 +196,25 @@ def derived_block(law: Law, dt_s: float) -> Block | None:
     """Return the block from desired motion, measured accelerations and sent command that a law is, None where
     superposition does not hold: unit states and inputs give its matrices, random ones test them."""
     n, m = law.states, 3 + law.channels + 1
-    columns = [law.evaluated(unit[:n], unit[n:]) for unit in np.eye(n + m)]
-    matrix, rng = np.array(columns).T, np.random.default_rng(1)
+    rng = np.random.default_rng(1)
+    try:
+        with np.errstate(all="ignore"):
+            matrix = _superposed(law, n, m, rng)
+    except Exception:  # a table that ends, a root: such a law is not linear, and its trial is one of usual motions
+        return None
+    if matrix is None:
+        return None
+    names = (*DESIRED, *measured_names(law.channels), SENT)
+    found = Block("feedforward", matrix[1:, :n], matrix[1:, n:], matrix[:1, :n], matrix[:1, n:], dt_s, names,
+                  ("command_v",))  # fmt: skip
+    with np.errstate(all="ignore"):
+        follows = _follows(law, found, rng.standard_normal((IN_A_ROW, m)))
+    return found if follows else None
+
+
+def _superposed(law: Law, n: int, m: int, rng: np.random.Generator) -> Array | None:
+    """Return the matrix (1 + n, n + m) of a law, None where superposition does not hold."""
+    matrix = np.array([law.evaluated(unit[:n], unit[n:]) for unit in np.eye(n + m)]).T
     if not np.isfinite(matrix).all():
         return None
     for _ in range(TRIALS):
@@ -165,10 +222,7 @@ def derived_block(law: Law, dt_s: float) -> Block | None:
         off = np.abs(law.evaluated(given[:n], given[n:]) - matrix @ given)
         if not np.all(off <= ROUNDING * np.abs(matrix) @ np.abs(given)):
             return None
-    names = (*DESIRED, *measured_names(law.channels), SENT)
-    found = Block("feedforward", matrix[1:, :n], matrix[1:, n:], matrix[:1, :n], matrix[:1, n:], dt_s, names,
-                  ("command_v",))  # fmt: skip
-    return found if _follows(law, found, rng.standard_normal((IN_A_ROW, m))) else None
+    return matrix
 
 
 def _follows(law: Law, block: Block, inputs: Array) -> bool:
@@ -179,6 +233,8 @@ def _follows(law: Law, block: Block, inputs: Array) -> bool:
         wanted = float((block.C @ state + block.D @ given).item())
         code = float(made.command(given[:3].copy(), given[3:-1].copy(), float(given[-1])))
         state = block.A @ state + block.B @ given
+        if not np.isfinite(state).all():
+            return True  # so far it did: a block that is unstable
         if not abs(code - wanted) <= FOLLOWS * (float(size[0]) * (1.0 + np.abs(state).max(initial=0.0))):
             return False
     return True

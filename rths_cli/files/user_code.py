@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import pickle
+import sys
 import threading
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
+from typing import Any
 
 from rths_cli.case.plugin_interface import stated_interface
 from rths_cli.errors import InputError
@@ -31,13 +34,53 @@ def code_of_file(field: str, path: Path, sha256: str | None) -> str:
 
 def module_of_text(field: str, name: str, path: str, who: str, text: str) -> ModuleType:
     """Return the module that a text makes when it is run; raises InputError where it fails."""
-    module = ModuleType(name)
+    module = ModuleType(f"{name}_{hashlib.sha256(f'{path}{text}'.encode()).hexdigest()[:16]}")
     module.__file__ = path
+    sys.modules[module.__name__] = module  # dataclasses look there for the module of a class
     try:
         exec(compile(text, path, "exec"), vars(module))
     except (Exception, SystemExit) as error:
-        raise InputError(f"{field}: {who} cannot be loaded: {told(error)}") from error
+        del sys.modules[module.__name__]
+        raise InputError(f"{field}: {who} cannot be loaded: {told(error)}{_neighbour(error, Path(path))}") from error
     return module
+
+
+def _neighbour(error: BaseException, path: Path) -> str:
+    """Return what to do where a file imports one beside it."""
+    name = (error.name or "").split(".")[0] if isinstance(error, ImportError) else ""
+    if not name or not ((path.parent / f"{name}.py").exists() or (path.parent / name).is_dir()):
+        return ""
+    return (
+        f"; the {name} beside it cannot be imported, since a case keeps the checksum of one file: write what it holds "
+        "into that file, or install it as a package"
+    )
+
+
+def variables(module: ModuleType) -> dict[str, Any]:
+    """Return what the variables of a module hold, to be compared with what they hold later."""
+    return contents({name: one for name, one in vars(module).items() if not name.startswith("__")}, module.__name__)
+
+
+def contents(values: Mapping[str, Any], own: str) -> dict[str, Any]:
+    """Return what each value holds; `own`: the name of the module whose classes and functions are looked into."""
+    return {name: _content(one, own) for name, one in values.items()}
+
+
+def _content(value: Any, own: str) -> Any:
+    if isinstance(value, type | FunctionType):
+        attributes = {name: one for name, one in vars(value).items() if not name.startswith("__")}
+        return id(value), contents(attributes, own) if value.__module__ == own else None
+    if isinstance(value, ModuleType) or type(value).__module__.startswith("numba"):
+        return id(value)
+    try:
+        return pickle.dumps(value)
+    except Exception:  # whatever an object of the user raises
+        return contents(vars(value), own) if type(value).__module__ == own and hasattr(value, "__dict__") else id(value)
+
+
+def changed(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
+    """Return the names whose values are no longer what they were, or that came or went."""
+    return [name for name in {**before, **after} if (name in before) != (name in after) or before[name] != after[name]]
 
 
 def installed_module(field: str, group: str, what: str, name: str) -> tuple[ModuleType, str]:
@@ -73,6 +116,17 @@ def unbounded_work(text: str, instead: str, left_out: Collection[str] = ()) -> I
                 yield f"line {line}: {one.name} calls itself, which has no bound of its work; write a loop"
             elif isinstance(node, ast.Raise | ast.Assert):
                 yield f"line {line}: nothing may be raised while a table moves; return {instead}"
+
+
+def imported(text: str) -> set[str]:
+    """Return the names of the modules that a text imports, without those inside of packages."""
+    found = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            found |= {one.name.partition(".")[0] for one in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found.add(node.module.partition(".")[0])
+    return found
 
 
 def comes_back(work: Callable[[], object], seconds: float) -> bool:

@@ -47,6 +47,8 @@ class _Wording(Formatter):
         if not unit:
             return format(value, digits)
         number = format(SCALES[unit.strip("()")] * value, digits)
+        if unit == "%" and re.fullmatch(r"[\d.]+e\+0[1-5]", number):  # 180 %, not 1.8e+02 %
+            number = f"{float(number):.0f}"
         return number if unit.startswith("(") else f"{number} {unit}"
 
 

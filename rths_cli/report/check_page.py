@@ -178,7 +178,7 @@ def _expected(values: Values) -> list[Block]:
     if "check.sim_delay_rms_error_m_s2" in values:
         delayed = values["check.sim_delay_rms_error_m_s2"]
         over = [(label, values[path] / delayed) for label, path in OVER_SIM_DELAY if path in values]
-        parts = [f"{label}{100.0 * float(np.max(share)):.2g} %" for label, share in over]
+        parts = [f"{label}{significant(100.0 * float(np.max(share)))} %" for label, share in over]
         said += f"; of SIM-DELAY's error {', '.join(parts)}" if parts and np.all(delayed > 0.0) else ""
     return [labelled("expected error", said)]
 

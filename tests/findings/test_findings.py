@@ -33,6 +33,7 @@ ERROR = Finding("loop.table_error", {"tolerated": 0.0312, "required": 0.06, "at_
     [
         ("{delay_s:.3g ms} at {share:.2f %}", {"delay_s": 0.00123, "share": 0.5}, "1.23 ms at 50.00 %"),
         ("from {share:.0f (%)} to {most:.0f %}", {"share": 0.1, "most": 0.2}, "from 10 to 20 %"),
+        ("below {a:.2g %}, {b:.2g %}", {"a": 1.84, "b": 0.0184}, "below 180 %, 1.8 %"),
         ("{names: and }; {others}", {"names": ("a", "b"), "others": ("c", "d")}, "a and b; c; d"),
         ("{what!w}, {all!w:, }", {"what": "x", "all": ("x", "y")}, "an X, an X, y"),
         ("{one:?is/are}, {two:?is/are}", {"one": 1, "two": 2}, "is, are"),

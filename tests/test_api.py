@@ -327,6 +327,9 @@ def test_a_real_rig_needs_a_folder_and_the_main_thread(tmp_path: Path) -> None:
 def test_a_real_rig_moves_by_no_script_that_was_not_permitted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from rths_cli.experiment import real_rig_readiness
 
+    (tmp_path / "key").write_text("0123456789abcdef" * 2)
+    (tmp_path / "key").chmod(0o600)
+    monkeypatch.setenv("RTHS_KEY_FILE", str(tmp_path / "key"))
     sentence = r"yes=True moves rigs whose file says `unattended: true`, rths run asks for others"
     monkeypatch.setattr(real_rig_readiness.sys, "stdin", type("Terminal", (), {"isatty": staticmethod(lambda: True)}))
     with pytest.raises(rths_cli.InputError, match=sentence):

@@ -175,6 +175,7 @@ HEAD = "# units: gal\n# dt: 0.02 s\n"
         ),
         (HEAD + "# samples: 4\n1\n2\n3\n", None, None, ":3: the header states 4 samples, the file holds 3"),
         (HEAD + "1\n2\n", None, None, ": holds 2 samples, an accelerogram needs at least 3"),
+        ("time (s),acc (g)\n0,1\n", None, None, ": holds 1 sample, an accelerogram needs at least 3"),
         (HEAD + "1\n2\nnan\n", None, None, ":5: sample 3 is not a finite number"),
         (HEAD + "1\n2\n\n# aside\n-inf\n", None, None, ":7: sample 3 is not a finite number"),
         (HEAD + "1\n2\nthree\n", None, None, ":5: 'three' is not a number"),

@@ -437,6 +437,8 @@ def _even_interval(path: Path, line_of: Callable[[int], int], time_s: Array) -> 
         where = f"{path}:{line_of(beyond)}"
         raise InputError(f"{where}: the time {time_s[beyond]:g} s is beyond {MAX_TIME_S:g} s; give the time in s")
     steps = np.diff(time_s)
+    if len(steps) == 0:
+        raise InputError(f"{path}: holds 1 sample, an accelerogram needs at least 3")
     usual = float(np.median(steps))
     faulty = np.flatnonzero(steps <= 0.0)
     if len(faulty) == 0:

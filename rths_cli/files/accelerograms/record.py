@@ -141,7 +141,7 @@ def check_count(path: Path, header: Header, count: int) -> None:
             f"{count}; complete the file or correct the header"
         )
     if count < 3:
-        raise InputError(f"{path}: holds {count} samples, an accelerogram needs at least 3")
+        raise InputError(f"{path}: holds {count} sample{'s' * (count != 1)}, an accelerogram needs at least 3")
 
 
 def check_moves(path: Path, figures: Array) -> None:

@@ -14,6 +14,7 @@ from rths_cli.analysis.intensity import (
     cumulative_velocity,
     duration,
     husid,
+    integrate,
     mean_period,
     measures,
     spectrum,
@@ -28,6 +29,13 @@ def pulse() -> Array:
     """Return one cycle of a sine of 2 s, then rest."""
     t = np.arange(0.0, PULSE_S + REST_S + DT_S / 2, DT_S)
     return np.where(t <= PULSE_S, AMPLITUDE * np.sin(2.0 * np.pi * t / PULSE_S), 0.0)
+
+
+def test_a_ramp_is_integrated_exactly() -> None:
+    """a = t, v = t^2 / 2, u = t^3 / 6."""
+    t = np.arange(0.0, 3.01, 0.5)
+    velocity, displacement = integrate(t, 0.5)
+    assert velocity == pytest.approx(t**2 / 2) and displacement == pytest.approx(t**3 / 6)
 
 
 def peak_displacement(period_s: float) -> float:

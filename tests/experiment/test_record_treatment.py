@@ -105,6 +105,14 @@ def test_a_band_keeps_what_is_within_it_at_its_instant() -> None:
     assert told == ("filtered to 0.2 to 20 Hz",)
 
 
+@pytest.mark.parametrize("edge_hz", [0.2, 20.0])
+def test_a_band_halves_what_lies_at_its_ends(edge_hz: float) -> None:
+    """A Butterworth filter passes 1 / sqrt(2) at its corner; forwards and backwards, a half."""
+    t = np.arange(0.0, 200.0, 0.01)
+    left, _ = treated(record(np.sin(2 * np.pi * edge_hz * t)), asked(band_hz=(0.2, 20.0)))
+    assert np.sqrt(2.0) * left.accel_m_s2[8000:12000].std() == pytest.approx(0.5, abs=0.01)
+
+
 @pytest.mark.parametrize("rate_hz", [40.0, 250.0])
 def test_another_rate_keeps_the_motion(rate_hz: float) -> None:
     def at(t: Array) -> Array:

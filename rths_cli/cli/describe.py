@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import FILE, Number, json_option, no_replace_option, quiet_option
+from rths_cli.cli.options import FILE, Number, json_option, no_replace_option, quiet_option, rate_option
 from rths_cli.cli.terminal import page_width, show_page
 
 RESULTS = "results"
@@ -183,13 +183,7 @@ def _show_motions(names: Sequence[str], examine: Callable[[str], list[dict[str, 
 
 @cli.command()
 @click.argument("file", type=FILE, metavar="FILE")
-@click.option(
-    "--rate",
-    "rate_hz",
-    type=Number(min=0, min_open=True),
-    metavar="HZ",
-    help="Sample rate, where the file does not state it.",
-)
+@rate_option
 @json_option
 def data(file: Path, rate_hz: float | None, as_json: bool) -> int:
     """Show what is understood of a recording before it is used: format, channels, units, rate, starts, faults, and the

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import FILE, Number, json_option, no_replace_option, quiet_option, settings_option, yes_option
+from rths_cli.cli.options import (
+    FILE,
+    json_option,
+    no_replace_option,
+    quiet_option,
+    rate_option,
+    settings_option,
+    yes_option,
+)
 from rths_cli.cli.terminal import new_screen, show_page
 from rths_cli.errors import InputError
 
@@ -36,13 +44,7 @@ SAID_S = 5.0  # interval between two lines of progress if stderr is no terminal
     help="Which channel of the file is what: command, table, floor_2, ...; for instance --channel table=ai0:g; or a "
     "YAML file as rths data prints it.",
 )
-@click.option(
-    "--rate",
-    "rate_hz",
-    type=Number(min=0, min_open=True),
-    metavar="HZ",
-    help="Sample rate, where the file does not state it.",
-)
+@rate_option
 @click.option("--corrected", is_flag=True, help="The file's accelerations are free of the sensors' dynamics already.")
 @click.option(
     "--model",

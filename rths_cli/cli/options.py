@@ -86,6 +86,12 @@ def json_option(command: F) -> F:
     )
 
 
+def rate_option(command: F) -> F:
+    """Add --rate."""
+    about = "Sample rate, where the file does not state it."
+    return click.option("--rate", "rate_hz", type=Number(min=0, min_open=True), metavar="HZ", help=about)(command)
+
+
 def quiet_option(command: F) -> F:
     """Add --quiet."""
     about = "Show no progress, and of the output only the line with the verdict."

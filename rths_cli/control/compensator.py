@@ -33,7 +33,6 @@ from types import ModuleType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
 from rths_cli.case.compensator_schema import OWN, STATE_SPACE, built_in_compensators
 from rths_cli.case.plugin_interface import COMPENSATORS
@@ -55,7 +54,7 @@ from rths_cli.files.user_code import (
     variables,
 )
 from rths_cli.numerics.lti import Array, Block, Model
-from rths_cli.numerics.user_functions import UserFunction, compile_command
+from rths_cli.numerics.user_functions import NOT_COMPILED, UserFunction, compile_command
 from rths_cli.structure import Specimen
 
 FIELD = "controller"
@@ -65,11 +64,6 @@ DESIGNED_AGAIN_S = 1.0  # the longest design that is made twice, to see that it 
 COMPILED_AS_PYTHON = 1e-9  # of the largest number that a law gives: how near compiled code is to it
 NEVER_TWICE_THE_SAME = {"time", "datetime", "random", "secrets"}  # modules
 PHASE_LINES = 200  # of the compared band, over which the lag of the table is averaged
-# what numba raises of source that it does not know: its own errors, of which one is no NumbaError, and bare ones
-NOT_COMPILED = (
-    NumbaError, UnsupportedBytecodeError, AssertionError, LookupError, NotImplementedError, TypeError, ValueError,
-    AttributeError,
-)  # fmt: skip
 
 
 class CompensatorSpec(Protocol):

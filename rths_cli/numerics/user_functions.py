@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numba
 from llvmlite import ir
 from numba import carray, types
+from numba.core.errors import NumbaError, UnsupportedBytecodeError
 from numba.extending import intrinsic
 
 from rths_cli.numerics.compiled import calls_of_the_runtime
@@ -25,6 +26,11 @@ _FORCE = types.float64(_NUMBERS, _NUMBERS, _NUMBERS, types.float64, types.float6
 _COMMAND = types.float64(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, types.float64)
 _COUNTS = {"NRT_incref", "NRT_decref"}
 _ARRAY = types.Array(types.float64, 1, "C")
+# what numba raises of source that it does not know: its own errors, of which one is no NumbaError, and bare ones
+NOT_COMPILED = (
+    NumbaError, UnsupportedBytecodeError, AssertionError, LookupError, NotImplementedError, TypeError, ValueError,
+    AttributeError,
+)  # fmt: skip
 
 
 class UserFunction(NamedTuple):
@@ -42,16 +48,26 @@ class UserFunction(NamedTuple):
 
 
 def compile_force(function: Callable[..., Any], parameters: int, states: int) -> UserFunction:
-    """Return a user's function compiled for arrays of these sizes; numba raises what it does not know."""
-    checked = numba.njit(types.float64(_ARRAY, _ARRAY, _ARRAY, types.float64, types.float64), boundscheck=True,
-                         error_model="numpy", nogil=True)(function)  # fmt: skip
-    inner = numba.njit(error_model="numpy")(function)
+    """Return a user's function compiled for arrays of these sizes; numba raises what it does not know, NOT_COMPILED."""
 
-    def called(numbers: Any, state: Any, next_state: Any, drift: float, velocity: float) -> Any:
-        given, kept, new = carray(numbers, parameters), carray(state, states), carray(next_state, states)
-        return inner(given, kept, new, drift, velocity)
+    def at_addresses(inner: Callable[..., Any]) -> Callable[..., Any]:
+        def called(numbers: Any, state: Any, next_state: Any, drift: float, velocity: float) -> Any:
+            given, kept, new = carray(numbers, parameters), carray(state, states), carray(next_state, states)
+            return inner(given, kept, new, drift, velocity)
 
-    made = numba.cfunc(_FORCE, error_model="numpy")(called)
+        return called
+
+    return _compiled(function, (_ARRAY, _ARRAY, _ARRAY, types.float64, types.float64), _FORCE, at_addresses)
+
+
+def _compiled(
+    function: Callable[..., Any], arguments: tuple[Any, ...], called: Any,
+    at_addresses: Callable[[Callable[..., Any]], Callable[..., Any]],
+) -> UserFunction:  # fmt: skip
+    """Return a user's function of these numba types of `arguments`, and as a C function of the type `called`, which
+    `at_addresses` makes of it: it takes addresses where the function takes arrays."""
+    checked = numba.njit(types.float64(*arguments), boundscheck=True, error_model="numpy", nogil=True)(function)
+    made = numba.cfunc(called, error_model="numpy")(at_addresses(numba.njit(error_model="numpy")(function)))
     calls = calls_of_the_runtime(made.inspect_llvm()) - _COUNTS
     return UserFunction(made.address, made, checked, frozenset(calls))
 
@@ -83,19 +99,16 @@ def call_force(
 
 def compile_command(function: Callable[..., Any], parameters: int, states: int, channels: int) -> UserFunction:
     """Return a user's `command(parameters, state, next_state, desired, measured, sent)` compiled for arrays of these
-    sizes, `desired` (3,) and `measured` (channels,); numba raises what it does not know."""
-    arrays = (_ARRAY, _ARRAY, _ARRAY, _ARRAY, _ARRAY)
-    checked = numba.njit(types.float64(*arrays, types.float64), boundscheck=True,
-                         error_model="numpy", nogil=True)(function)  # fmt: skip
-    inner = numba.njit(error_model="numpy")(function)
+    sizes, `desired` (3,) and `measured` (channels,); numba raises what it does not know, NOT_COMPILED."""
 
-    def called(numbers: Any, state: Any, next_state: Any, desired: Any, measured: Any, sent: float) -> Any:
-        given, kept, new = carray(numbers, parameters), carray(state, states), carray(next_state, states)
-        return inner(given, kept, new, carray(desired, 3), carray(measured, channels), sent)
+    def at_addresses(inner: Callable[..., Any]) -> Callable[..., Any]:
+        def called(numbers: Any, state: Any, next_state: Any, desired: Any, measured: Any, sent: float) -> Any:
+            given, kept, new = carray(numbers, parameters), carray(state, states), carray(next_state, states)
+            return inner(given, kept, new, carray(desired, 3), carray(measured, channels), sent)
 
-    made = numba.cfunc(_COMMAND, error_model="numpy")(called)
-    calls = calls_of_the_runtime(made.inspect_llvm()) - _COUNTS
-    return UserFunction(made.address, made, checked, frozenset(calls))
+        return called
+
+    return _compiled(function, (*(_ARRAY,) * 5, types.float64), _COMMAND, at_addresses)
 
 
 @intrinsic

@@ -24,21 +24,16 @@ from types import ModuleType
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
 from rths_cli.case.plugin_interface import LAWS
 from rths_cli.errors import InputError
 from rths_cli.files.user_code import code_of_file, comes_back, installed_module, module_of_text, told, unbounded_work
 from rths_cli.numerics.lti import Array
-from rths_cli.numerics.user_functions import UserFunction, compile_force
+from rths_cli.numerics.user_functions import NOT_COMPILED, UserFunction, compile_force
 from rths_cli.structure.storey_laws import NUMBERS, OWN, OWN_PARAMETERS, OWN_STATES, Law, Tangents
 
 GROUP = LAWS
 FIELD = "structure.numerical.law"
-# what numba raises of source that it does not know: its own errors, of which one is no NumbaError, and bare ones
-NOT_COMPILED = (
-    NumbaError, UnsupportedBytecodeError, AssertionError, LookupError, NotImplementedError, TypeError, ValueError,
-)  # fmt: skip
 ARGUMENTS = 5  # of force
 LONGEST_CALL_S = 20e-6  # in the step, of which there are up to some thousands per second
 LONGEST_TRIAL_S = 10.0  # of all calls of the check

@@ -3,7 +3,7 @@ the caller of the Python interface makes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
     from rths_cli.control.compensator import Compensator
     from rths_cli.control.interface import OwnParts
+    from rths_cli.experiment.recorded_run import RecordedRun
     from rths_cli.identification.results import Identification
 
 NUMERICAL = "numerical"
@@ -137,6 +138,7 @@ class Setup:
     compensator: Compensator | None = None  # of a case whose controller is one
     record_treatment: tuple[str, ...] = ()  # what was done to the record before it was scaled, in its order
     record_defects: tuple[Finding, ...] = ()  # of the record as it is played
+    recorded: Mapping[str, RecordedRun] = field(default_factory=dict)  # runs made elsewhere, by name
 
     def calibrated(self, found: Identification) -> Setup:
         """Return the setup on a rig whose sensors are those that an identification found."""
@@ -150,6 +152,11 @@ class Setup:
         )
         rig = replace(declared, channels=calibrated(declared.channels, found.calibration), further=further)
         return replace(self, rig=rig, declared_rig=declared)
+
+    @property
+    def moves_hardware(self) -> bool:
+        """Return whether a real table moves in the runs of the case; none does where they were made elsewhere."""
+        return self.rig.can.moves_hardware and not self.case.recorded
 
     @property
     def session(self) -> int:

@@ -1,16 +1,17 @@
 """Where the samples of a recording lie on the clock of a record: offset and rate of the recorder's clock, and what is
 lost between two of its samples.
 
-Sample k of the recording lies at sample `offset + step * k` of the record. A coarse search (normalised cross-correlation
-of block means over all offsets, and over rates up to 10 % off) finds the neighbourhood, also of a motion of the wrong
-sign. Windows of 3 s are then shifted one by one: their places on a straight line are one even clock, a jump of the line
-is a lost block, anything else is no even clock. The line is refined by Gauss-Newton steps on all samples together; what
-its parameters are uncertain by is the jackknife over ten parts.
+Sample k of the recording lies at sample `offset + step * k` of the record. A coarse search (normalised
+cross-correlation of block means over all offsets, and over rates up to 10 % off) finds the neighbourhood, also of a
+motion of the wrong sign. Windows of 3 s are then placed one by one: places on a straight line are one even clock, a
+jump of the line is a lost block, anything else is no even clock. The line is refined by Gauss-Newton steps on all samples
+together; what its parameters are uncertain by is the jackknife over ten parts.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -48,9 +49,9 @@ class LostBlock(NamedTuple):
 class Alignment:
     """A recording on the clock of a record; errors are standard uncertainties.
 
-    `correlation` is what the record explains of the recorded motion, signed; `gain` and `mean` are those of the recorded
-    motion, gain * record + mean; `residual` is the RMS of what that leaves, over the recorded RMS. `worst` is the
-    largest distance of a window from the line, in samples of the record, beyond twice its own uncertainty.
+    `correlation` is what the record explains of the recorded motion, signed; `gain` and `mean` are those of the
+    recorded motion, gain * record + mean; `residual` is the RMS of what that leaves, over the recorded RMS. `worst`
+    is the largest distance of a window from the line, in samples of the record, beyond twice its own uncertainty.
     """
 
     offset: float
@@ -67,7 +68,7 @@ class Alignment:
     as_stated: bool = False  # whether offset and step are whole and stated ones, which the motion does not contradict
 
     def error_at_ends(self, samples: int) -> float:
-        """Return the largest standard uncertainty of a place, of `samples` of the recording, in samples of the record."""
+        """Return the largest standard uncertainty of the place of one of `samples`, in samples of the record."""
         if self.as_stated:
             return 0.0
         return max(self.offset_error, float(np.hypot(self.middle_error, self.step_error * 0.5 * samples)))
@@ -87,7 +88,8 @@ class Alignment:
 def align(recorded: Array, record: Array, stated: float, dt_s: float) -> Alignment | None:
     """Return where a recorded motion (k,) lies on a record (n,), NaN where samples are missing; None if it is nowhere.
 
-    `stated`: samples of the record from one recorded sample to the next, as the file has it; `dt_s`: interval of the record in s.
+    `stated`: samples of the record from one recorded sample to the next, as the file has it; `dt_s`: interval of the
+    record in s.
     """
     known = np.isfinite(recorded)
     if known.sum() < 3 or not np.ptp(recorded[known]) or not np.ptp(record):
@@ -155,7 +157,7 @@ class _Window(NamedTuple):
 
 
 def _windows(recorded: Array, record: Array, offset: float, step: float, dt_s: float) -> list[_Window]:
-    """Return the parts of a recording that tell their place by themselves; none if most of them are not in the record."""
+    """Return the parts of a recording that tell their place; none if most of them are not in the record."""
     length, hop = (max(round(seconds / (dt_s * step)), 8) for seconds in (WINDOW_S, HOP_S))
     length = min(length, recorded.size // 2)
     reach = round(SEARCH_S / dt_s)
@@ -253,9 +255,7 @@ def _line(windows: list[_Window], recorded: Array, record: Array) -> tuple[tuple
     )
     offsets = [float(np.mean(place[part] - step * middle[part])) for part in segments]
     lost = []
-    for (before, after), (one, other) in zip(
-        zip(offsets, offsets[1:], strict=False), zip(segments, segments[1:], strict=False), strict=True
-    ):
+    for (before, after), (one, other) in zip(pairwise(offsets), pairwise(segments), strict=True):
         k = _break(recorded, record, step, (before, after), (int(middle[one[-1]]), int(middle[other[0]])))
         lost.append(LostBlock(k, round(after - before), round(before + step * k)))
     return (offsets[0], step), tuple(one for one in lost if one.samples)

@@ -8,32 +8,31 @@ motion of the computed storeys tells the time: what the desired motion is beside
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rths_cli.analysis.intensity import integrate
-from rths_cli.analysis.recording_alignment import Alignment, align, moved_to_record
+from rths_cli.analysis.recording_alignment import Alignment, LostBlock, align, moved_to_record
 from rths_cli.control import sensor_correction
 from rths_cli.control.kalman_filter import kalman_block
-from rths_cli.control.numerical_substructure import all_storeys
 from rths_cli.errors import InputError
 from rths_cli.experiment.one_table_run import HYBRID_TEST, TABLE_RUNS, RunKind
-from rths_cli.experiment.setup import Setup, placed, shown
-from rths_cli.files.hdf5_opening import RECORDED
+from rths_cli.experiment.recording_faults import channel_faults
+from rths_cli.experiment.run_signals import base_shear_of, computed_interface
+from rths_cli.experiment.setup import RecordedRun, Setup, placed, shown
 from rths_cli.files.measured_data import Recording, RunChannels, choose_of_run, mend, read_recording
 from rths_cli.findings import Finding, stated
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.run_log import Signals
-from rths_cli.loop.simulated_time_run import Outcome
+from rths_cli.loop.simulated_time_run import Outcome, part_of
 from rths_cli.numerics.lti import Array
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.case.recorded_run_schema import RecordedRunSpec
-    from rths_cli.files.result_writer import Attribute
 
 OWN = "own (recorded)"  # the controller of a run that was made elsewhere
 RATES = (0.8, 1.25)  # of the case's rate, that a recording may have
@@ -41,6 +40,8 @@ NEAR = 0.1  # samples, within which a recording must lie on the record everywher
 RECOGNISED = 0.9  # correlation, below which the ground motion is another record
 SAME_SIZE = 0.01  # of the gain of the recorded ground motion
 SAME_MOTION = 0.02  # of its RMS, that may differ from the case's
+LIKE_MOTION = 0.1  # the same of one that is the record otherwise interpolated: SIM then takes the recorded one
+SAME_CLOCK = 5e-5  # relative difference from the stated rate that such a motion may not show
 WITHOUT_GROUND = 5.0  # times as much where the computed storeys tell the time
 NOTED_OFFSET = 1e-3  # of the record's peak: a mean of the recorded ground motion that is told
 QUIET = 1e-3  # of the record's peak, up to which the ground is at rest before a recording begins
@@ -48,7 +49,7 @@ LEAST_REST_S = 0.2  # before the record, over which the zeros of sensors in V ar
 LEAST_SAMPLES = 100
 COSTS = {
     "ground": "the time is told by the computed storeys: desired motion less the base shear's part of it",
-    "desired": "taken as what the case's computed storeys do under the recorded base shear, so that the tracking error "
+    "desired": "taken as what the case's computed storeys do under ground and base shear, so that the tracking error "
     "holds what the controller computed otherwise",
     "command": "nothing is told of what was sent to the table",
     "base_shear": "taken as masses times measured accelerations, so that what the controller's own filter made of it "
@@ -58,33 +59,14 @@ COSTS = {
 """What a missing channel costs."""
 
 
-@dataclass(frozen=True)
-class RecordedRun:
-    """The signals of a run made elsewhere, on the clock of the record and as long as `samples`.
-
-    `motion` (n,): ground, desired, table accelerations and floors' as recorded, by role, for what is judged of them;
-    `told` belongs to the result, `figures` are metrics by path, `attributes` those of the result's root.
-    """
-
-    kind: RunKind
-    outcome: Outcome
-    samples: int
-    names: Mapping[str, str]  # of the channels by role
-    told: tuple[Finding, ...] = ()
-    figures: Mapping[str, ArrayLike] = field(default_factory=dict)
-    attributes: Mapping[str, Attribute] = field(default_factory=dict)
-
-
 def with_recordings(setup: Setup) -> Setup:
     """Return a setup with the recorded runs of its case, its ground motion cut to what they cover; as it is without.
 
     Raises InputError with all faults of the recordings, each with the place of its key in the case.
     """
-    from rths_cli.experiment.recording_faults import channel_faults
-
     runs: dict[str, RecordedRun] = {}
     faults: list[str] = []
-    for kind in TABLE_RUNS:
+    for kind in TABLE_RUNS if setup.case.recorded else ():
         spec = setup.case.recorded.get(kind.name)
         if spec is None:
             continue
@@ -98,6 +80,13 @@ def with_recordings(setup: Setup) -> Setup:
     if not runs:
         return setup
     samples = min(run.samples for run in runs.values())
+    grounds = [run.ground for run in runs.values() if run.ground is not None]
+    if grounds:
+        motion, ground = setup.motion, np.zeros(len(setup.motion.time_s))
+        ground[: grounds[-1].size] = grounds[-1]
+        velocity, displacement = integrate(ground, motion.dt_s)
+        motion = replace(motion, accel_m_s2=ground, velocity_m_s=velocity, displacement_m=displacement)
+        setup = replace(setup, motion=motion)
     return replace(_cut(setup, samples), recorded={name: _shortened(run, samples) for name, run in runs.items()})
 
 
@@ -110,8 +99,6 @@ def _cut(setup: Setup, samples: int) -> Setup:
 
 
 def _shortened(run: RecordedRun, samples: int) -> RecordedRun:
-    from rths_cli.loop.simulated_time_run import part_of
-
     outcome = replace(run.outcome, log=part_of(run.outcome.log, slice(0, samples)), steps=samples)
     return replace(run, outcome=outcome, samples=samples)
 
@@ -119,11 +106,12 @@ def _shortened(run: RecordedRun, samples: int) -> RecordedRun:
 def roles_of(setup: Setup, kind: RunKind) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
     """Return the roles of a run's channels with the SI units in which they may come, and those that it needs."""
     floors = [channel.name for channel in setup.rig.channels[1:]]
-    accel = {"ground": ("m/s^2",), "desired": ("m/s^2",), "command": ("V",)}
-    accel |= dict.fromkeys(("table", *floors), ("m/s^2", "V"))
+    roles: dict[str, tuple[str, ...]] = {"ground": ("m/s^2",), "desired": ("m/s^2",), "command": ("V",)}
+    sensed: tuple[str, ...] = ("m/s^2", "V")
+    roles |= dict.fromkeys(("table", *floors), sensed)
     if kind is HYBRID_TEST:
-        accel |= {"base_shear": ("N",)} | {f"{floor}_displacement": ("m",) for floor in floors}
-    return accel, ("table", *floors) if kind is HYBRID_TEST else ("table",)
+        roles |= {"base_shear": ("N",)} | {f"{floor}_displacement": ("m",) for floor in floors}
+    return roles, ("table", *floors) if kind is HYBRID_TEST else ("table",)
 
 
 def _recorded_run(setup: Setup, kind: RunKind, spec: RecordedRunSpec) -> RecordedRun:
@@ -145,6 +133,11 @@ def _recorded_run(setup: Setup, kind: RunKind, spec: RecordedRunSpec) -> Recorde
             f"{name}: has neither the ground motion nor the desired motion of the table (ground, desired), so that "
             "nothing tells where the record begins; give one of them"
         )
+    if kind is HYBRID_TEST and "desired" not in series and not setup.building.linear:
+        raise InputError(
+            f"{name}: has no desired motion (desired), and what storeys with laws ask for is not known without it; "
+            "give the channel"
+        )
     series = _as_accelerations(setup, channels, series, recording.dt_s)
     aligned, series = _aligned(setup, kind, spec, series, stated_step, name)
     moved, told, samples = _on_record(setup, kind, spec, series, aligned, name)
@@ -157,7 +150,8 @@ def _recorded_run(setup: Setup, kind: RunKind, spec: RecordedRunSpec) -> Recorde
         f"{kind.name}_recorded_channels": "\n".join(f"{role}: {one}" for role, one in channels.names.items()),
     }
     figures = _figures(kind.name, aligned, stated_step, dt_s, len(series["table"]))
-    return RecordedRun(kind, outcome, samples, channels.names, tuple(told), figures, about)
+    own_ground = moved["ground"] if aligned.residual > SAME_MOTION and "ground" in moved else None
+    return RecordedRun(kind.name, outcome, samples, channels.names, own_ground, tuple(told), figures, about)
 
 
 def _mended(channels: RunChannels) -> tuple[dict[str, Array], tuple[str, ...]]:
@@ -168,7 +162,8 @@ def _mended(channels: RunChannels) -> tuple[dict[str, Array], tuple[str, ...]]:
 
 def _as_accelerations(setup: Setup, channels: RunChannels, series: dict[str, Array], dt_s: float) -> dict[str, Array]:
     """Return the series with those of sensors in V as accelerations, corrected for the sensors' corners; those that are
-    accelerations in the file stay as they are. The zero of a sensor is its mean before the first motion, or its mean."""
+    accelerations in the file stay as they are. The zero of a sensor is its mean before the first motion, else its
+    mean."""
     in_volts = [one for one in setup.rig.channels if channels.units.get(one.name) == "V"]
     if not in_volts:
         return series
@@ -192,23 +187,10 @@ def _first_motion(series: Mapping[str, Array]) -> int:
     return int(np.argmax(moves)) if moves.any() else 0
 
 
-def base_shear_of(setup: Setup, table: Array, floors: Array) -> Array:
-    """Return the base shear (n,) in N of the specimen by its floors' masses and measured accelerations (paper, Eq. 2.6)."""
-    building = setup.building
-    return np.asarray(-(building.interface_experimental_mass_kg * table + building.specimen.masses_kg @ floors))
-
-
-def computed_interface(setup: Setup, ground: Array, base_shear_n: Array) -> Array:
-    """Return the absolute acceleration (n,) of the interface that the computed storeys of a linear building have."""
-    p = len(setup.building.numerical.masses_kg)
-    block = all_storeys(setup.building.numerical, setup.rig.dt_s, setup.case.integration)
-    return np.asarray(run_block(block, np.vstack([ground, base_shear_n]))[3 * p - 1])
-
-
 def _aligned(
     setup: Setup, kind: RunKind, spec: RecordedRunSpec, series: dict[str, Array], step: float, name: str
 ) -> tuple[Alignment, dict[str, Array]]:
-    """Return where a recording lies on the record, and the part of it that is judged; raises InputError with why not."""
+    """Return where a recording lies on the record, and the part of it that is judged; raises InputError."""
     recorded, record, what = _motions(setup, kind, series, name)
     found = align(recorded, record, step, setup.rig.dt_s)
     if found is not None and found.lost and spec.until_s is not None:
@@ -217,10 +199,19 @@ def _aligned(
             series = {role: values[: first.before + 1] for role, values in series.items()}
             found = align(recorded[: first.before + 1], record, step, setup.rig.dt_s)
     loosely = 1.0 if "ground" in series or kind is not HYBRID_TEST else WITHOUT_GROUND
+    if found is not None and "ground" in series and _is_like(found, step):
+        found = replace(found, offset=float(round(found.offset)), step=1.0, as_stated=True)
     faults = list(_alignment_faults(setup, found, what, name, loosely, len(series["table"])))
     if faults or found is None:
         raise InputError(*faults)
     return found, series
+
+
+def _is_like(found: Alignment, stated: float) -> bool:
+    """Return whether a recorded ground motion is the record as another program interpolated it: SIM takes it as it was
+    recorded, and where it begins need not be known better than by a sample."""
+    alike = SAME_MOTION < found.residual <= LIKE_MOTION and abs(found.gain - 1.0) <= SAME_SIZE * WITHOUT_GROUND
+    return alike and stated == 1.0 and abs(found.step - 1.0) <= SAME_CLOCK + 3.0 * found.step_error
 
 
 def _motions(setup: Setup, kind: RunKind, series: Mapping[str, Array], name: str) -> tuple[Array, Array, str]:
@@ -255,7 +246,7 @@ def _alignment_faults(
     """Yield why a recording does not belong to the record of the case, or does not lie on it."""
     case, dt_s = setup.case, setup.rig.dt_s
     if found is not None and found.lost:
-        yield from (_lost_sentence(name, found, dt_s, place) for place in range(len(found.lost)))
+        yield from (_lost_sentence(name, one, dt_s) for one in found.lost)
         return
     if found is None or not np.isfinite(found.gain) or abs(found.correlation) < RECOGNISED:
         best = "" if found is None else f" (largest correlation {abs(found.correlation):.2f})"
@@ -269,17 +260,20 @@ def _alignment_faults(
             f"{name}: {what} has the opposite sign of the record's (gain {found.gain:.4g}); turn it by a minus before "
             "its unit, as in ground: [NAME, -m/s^2], if it is the channel, or correct the record"
         )
+    if found.as_stated and found.residual > SAME_MOTION:  # SIM takes the recorded motion
+        return
+    if found.residual > SAME_MOTION * loosely:  # then gain and clock say nothing
+        yield (
+            f"{name}: {what} differs from the record {case.record.name} of the case by {100.0 * found.residual:.2g} % "
+            "of its RMS: another component, baseline, record_filter or scale was played; state that of the test"
+        )
+        return
     gain = abs(found.gain)
     if abs(gain - 1.0) > SAME_SIZE * loosely:
         yield (
             f"{name}: {what} is {gain:.4g} times that of the case{_of_size(gain)}; the test was scaled by "
             f"{gain * case.scaling:.4g}, the case says {case.scaling:g}: --set scaling={gain * case.scaling:.4g}, or "
             "correct the channel's unit"
-        )
-    if found.residual > SAME_MOTION * loosely:
-        yield (
-            f"{name}: {what} differs from the record {case.record.name} of the case by {100.0 * found.residual:.2g} % "
-            "of its RMS: another component, baseline, record_filter or scale was played; state that of the test"
         )
     yield from _clock_faults(found, name, samples)
 
@@ -294,7 +288,7 @@ def _of_size(gain: float) -> str:
 
 
 def _clock_faults(found: Alignment, name: str, samples: int) -> Iterator[str]:
-    if found.residual <= SAME_MOTION * WITHOUT_GROUND and found.worst > NEAR:
+    if found.worst > NEAR:
         yield (
             f"{name}: its samples lie up to {found.worst:.2g} of a sample beside an even clock, at most {NEAR:g} is "
             "allowed: samples were lost or repeated, or its clock is not even; export the recording with the time of "
@@ -307,20 +301,23 @@ def _clock_faults(found: Alignment, name: str, samples: int) -> Iterator[str]:
         )
 
 
-def _lost_sentence(name: str, found: Alignment, dt_s: float, place: int) -> str:
-    one = found.lost[place]
+def _lost_sentence(name: str, one: LostBlock, dt_s: float) -> str:
     at_s = one.at * dt_s
     if one.samples > 0:
         return (
             f"{name}: {one.samples} samples ({one.samples * dt_s:.4g} s) are lost after sample {one.before + 1} of the "
             f"recording, {at_s:.3f} s into the record: what comes later is too early by them, and the file does not "
-            f"say so; export the whole run, or judge it up to there: until_s={max(at_s - dt_s, dt_s):.6g}"
+            f"say so; export the whole run, or judge it up to there{_until(at_s - dt_s)}"
         )
     return (
         f"{name}: {-one.samples} samples ({-one.samples * dt_s:.4g} s) are there twice after sample {one.before + 1} "
-        f"of the recording, {at_s:.3f} s into the record; export the run again, or judge it up to there: "
-        f"until_s={max(at_s - dt_s, dt_s):.6g}"
+        f"of the recording, {at_s:.3f} s into the record; export the run again, or judge it up to there"
+        f"{_until(at_s - dt_s)}"
     )
+
+
+def _until(at_s: float) -> str:
+    return f" (--until {max(at_s, 0.0):.6g}, or until_s in the case)"
 
 
 def _on_record(
@@ -353,7 +350,9 @@ def _on_record(
     if end < record.size:
         why = "as until_s says" if spec.until_s is not None else "where the recording ends"
         told.append(
-            stated(f"{name}: the run is judged up to {(end - 1) * dt_s:.4f} s of {(record.size - 1) * dt_s:.4f} s, {why}")
+            stated(
+                f"{name}: the run is judged up to {(end - 1) * dt_s:.4f} s of {(record.size - 1) * dt_s:.4f} s, {why}"
+            )
         )
     _refuse_gaps(roles, moved[:, :end], dt_s, name)
     return dict(zip(roles, moved[:, :end], strict=True)), told, end
@@ -369,7 +368,7 @@ def _refuse_gaps(roles: list[str], moved: Array, dt_s: float, name: str) -> None
     count = int(gaps.sum(axis=1).max())
     raise InputError(
         f"{name}: {count} samples ({count * dt_s:.4g} s) are missing in {which}, the first {at * dt_s:.4f} s into the "
-        f"record; what moved there is not known; judge the run up to there: until_s={max(at - 1, 1) * dt_s:.6g}"
+        f"record; what moved there is not known; judge the run up to there{_until((at - 1) * dt_s)}"
     )
 
 
@@ -431,12 +430,15 @@ def _estimated(setup: Setup, measured: Array, displacements: list[Array | None])
 def _said(found: Alignment, recording: Recording, stated_step: float, dt_s: float, count: int) -> list[Finding]:
     """Return the sentence on how a recording was aligned, and one on what is unusual of its ground motion."""
     begins_s, fast = -found.offset / found.step * recording.dt_s, stated_step / found.step - 1.0
-    start = f"the record begins {begins_s:.6f} s into it" if begins_s >= 0.0 else f"it begins {-begins_s:.6f} s late"
+    start = (
+        f"the record begins {abs(begins_s):.6f} s into it" if begins_s > -1e-7 else f"it begins {-begins_s:.6f} s late"
+    )
     start += f" +- {max(1e6 * found.offset_error * dt_s, 0.01):.2g} us"
     clock = "its clock is the record's"
     if abs(fast) > 1e-3:
         rate = 1.0 / (found.step * dt_s)
-        clock = f"its stated rate of {1.0 / recording.dt_s:.6g} Hz is {100.0 * abs(fast):.3g} % wrong, {rate:.6g} Hz is true"
+        stated_hz, wrong = 1.0 / recording.dt_s, 100.0 * abs(fast)
+        clock = f"its stated rate of {stated_hz:.6g} Hz is {wrong:.3g} % wrong, {rate:.6g} Hz is true"
     elif abs(fast) * count > 0.02 and not found.as_stated:
         which, error = "fast" if fast > 0.0 else "slow", 1e6 * found.step_error
         clock = f"its clock is {1e6 * abs(fast):.3g} +- {max(error, 0.001):.2g} ppm {which}"
@@ -446,6 +448,13 @@ def _said(found: Alignment, recording: Recording, stated_step: float, dt_s: floa
     told = [stated(f"{shown(recording.path)} ({recording.format}): {start}, {clock}; {how}", "notes")]
     if abs(found.mean) > NOTED_OFFSET * np.sqrt(max(found.gain**2, 1e-30)):
         told.append(stated(f"{shown(recording.path)}: its ground motion has an offset of {found.mean:.3g} m/s^2"))
+    if found.residual > SAME_MOTION and found.as_stated:
+        told.append(
+            stated(
+                f"{shown(recording.path)}: its ground motion differs by {100.0 * found.residual:.2g} % of its RMS from "
+                "the case's, as another interpolation of the record does: SIM and SIM-DELAY take the recorded one"
+            )
+        )
     told += [stated(f"{shown(recording.path)}: {note}", "notes") for note in recording.notes]
     return told
 

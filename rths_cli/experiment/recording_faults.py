@@ -22,10 +22,9 @@ from rths_cli.control.kalman_filter import open_loop
 from rths_cli.errors import InputError
 from rths_cli.experiment import run_metrics
 from rths_cli.experiment.error_after_run import MOST_UNEXPLAINED, loop_error, residual_of_computed_storeys
-from rths_cli.experiment.one_table_run import HYBRID_TEST
-from rths_cli.experiment.recorded_run import base_shear_of, computed_interface
 from rths_cli.experiment.run_metrics import lowest_reliable_hz
-from rths_cli.experiment.setup import Setup, shown
+from rths_cli.experiment.run_signals import base_shear_of, computed_interface
+from rths_cli.experiment.setup import RecordedRun, Setup, shown
 from rths_cli.findings import Finding, stated
 from rths_cli.identification.specimen_fit import Motion, Start, fit_stretches, least_samples
 from rths_cli.loop.block_replay import run_block
@@ -36,18 +35,20 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.experiment.one_table_run import Run
-    from rths_cli.experiment.recorded_run import RecordedRun
     from rths_cli.identification.results import SpecimenFit
     from rths_cli.quantities import Values
 
+HYBRID = "exp_rths"  # the run with computed storeys
 MOST_LAG_S = 0.02  # by which two channels of one motion may be apart
 OPPOSITE = -0.5  # correlation, from which a channel has the wrong sign
 SURE = 0.9  # correlation, from which a gain says something of a unit
 OTHER_UNIT = 1.5  # gain (or its inverse), from which a unit or sensitivity is wrong
-FOLLOWS = 0.5  # of the floors' motion, that the declared specimen on the measured table explains at least
-EXPLAINS = 0.8  # the same of another sign or order that is told as the cause
-SAME_SHEAR = 0.1  # of the gain of a base shear to masses times accelerations
-SAME_STOREYS = 0.05  # of the desired motion, that the case's computed storeys may leave unexplained
+AS_DECLARED = 0.05  # of the floors' power, that the declared specimen on the measured table may leave
+LEFT_BY_CAUSE, LOWERED = (
+    0.2,
+    0.25,
+)  # what another sign or order that is told leaves at most, also of what is left as named
+SAME_STOREYS = 0.03  # of the desired motion, that the case's computed storeys may leave unexplained
 SAME_STOREYS_BY_FLOORS = 0.3  # the same where the base shear is not recorded
 FACTORS = (0.25, 4.0)  # on stiffness or damping of the computed storeys, within which a cause is searched for
 TELLS = 0.3  # of what is left, to which a factor must lower it to be told as the cause
@@ -92,11 +93,11 @@ def _in_band(setup: Setup, series: Array) -> Array:
 def channel_faults(setup: Setup, run: RecordedRun) -> list[str]:
     """Return a sentence for each channel of a recorded run whose sign, unit or place is wrong."""
     log = run.outcome.log
-    name, samples = shown(setup.case.recorded[run.kind.name].recording), run.samples
+    name, samples = shown(setup.case.recorded[run.run].recording), run.samples
     setup = replace(setup, motion=replace(setup.motion, accel_m_s2=setup.motion.accel_m_s2[:samples]))
     table = alike(setup, log.desired[0], log.corrected[0])
-    faults = list(_faults_of(name, "table", "the desired motion", table, setup.rig.channels[0].name))
-    if run.kind is not HYBRID_TEST or faults:
+    faults = list(_faults_of(name, "table", "the desired motion", table))
+    if run.run != HYBRID or faults:
         return faults
     floors = list(_floor_faults(setup, name, log.corrected))
     if floors:
@@ -104,51 +105,61 @@ def channel_faults(setup: Setup, run: RecordedRun) -> list[str]:
     if "base_shear" in run.names:
         of_floors = base_shear_of(setup, log.corrected[0], log.corrected[1:])
         found = alike(setup, of_floors, log.base_shear_n)
-        faults += _faults_of(name, "base_shear", "minus masses times accelerations", found, "base_shear")
+        faults += _faults_of(name, "base_shear", "minus the masses times the measured accelerations", found, "N")
     return faults
 
 
-def _faults_of(name: str, role: str, what: str, found: Alike, channel: str) -> Iterator[str]:
+def _faults_of(name: str, role: str, what: str, found: Alike, unit: str = "g") -> Iterator[str]:
     """Yield what is wrong with a channel that should follow another motion."""
     if found.correlation < OPPOSITE:
         yield (
             f"{name}: {role} has the opposite sign of {what} (gain {found.gain:.3g}); turn it by a minus before its "
-            f"unit, as in {channel}: [NAME, -g]"
+            f"unit, as in {role}: [NAME, -{unit}]"
         )
     elif found.correlation > SURE and not 1.0 / OTHER_UNIT <= found.gain <= OTHER_UNIT:
         yield f"{name}: {role} is {found.gain:.3g} times {what}; correct its unit, or the sensitivity of its sensor"
 
 
 def _floor_faults(setup: Setup, name: str, measured: Array) -> Iterator[str]:
-    """Yield what is wrong with the floors, if they move as the declared specimen does on the table once a sign is turned
-    or two are exchanged, and not as they are."""
+    """Yield what is wrong with the floors, if they move as the declared specimen does on the table once a unit is
+    changed, a sign is turned or two are exchanged, and not as they are."""
     predicted = run_block(open_loop(setup.building.specimen, setup.rig.dt_s), measured[:1])
-    floors, predicted = _in_band(setup, measured[1:]), _in_band(setup, predicted)
-    if _explained(floors, predicted) >= FOLLOWS:
-        return
     names = [channel.name for channel in setup.rig.channels[1:]]
-    count = len(names)
+    what = "the motion that the case's specimen has on the measured table"
+    units = [_faults_of(name, *one) for one in zip(
+        names, [what] * len(names), [alike(setup, *pair) for pair in zip(predicted, measured[1:], strict=True)],
+        strict=True,
+    )]  # fmt: skip
+    if faults := [fault for one in units for fault in one if " times " in fault]:
+        yield from faults
+        return
+    floors, predicted, count = _in_band(setup, measured[1:]), _in_band(setup, predicted), len(names)
+    as_named = _left(floors, predicted)
+    if as_named <= AS_DECLARED:
+        return
+    most = min(LOWERED * as_named, LEFT_BY_CAUSE)
     for turned in (one for size in range(1, count + 1) for one in combinations(range(count), size)):
         signs = np.where(np.isin(np.arange(count), turned), -1.0, 1.0)
-        if _explained(signs[:, None] * floors, predicted) >= EXPLAINS:
+        if _left(signs[:, None] * floors, predicted) <= most:
             which = " and ".join(names[place] for place in turned)
             yield (
-                f"{name}: {which} moves as the case's specimen on the measured table with the opposite sign; turn it by "
-                f"a minus before its unit, as in {names[turned[0]]}: [NAME, -g]"
+                f"{name}: {which} moves as the case's specimen on the measured table with the opposite sign; turn it "
+                f"by a minus before its unit, as in {names[turned[0]]}: [NAME, -g]"
             )
             return
     for one, other in combinations(range(count), 2):
         order = np.arange(count)
         order[[one, other]] = other, one
-        if _explained(floors[order], predicted) >= EXPLAINS:
-            yield f"{name}: {names[one]} and {names[other]} are exchanged: each moves as the other one should; name them so"
+        if _left(floors[order], predicted) <= most:
+            pair = f"{names[one]} and {names[other]}"
+            yield f"{name}: {pair} are exchanged: each moves as the other one should; name them so"
             return
 
 
-def _explained(floors: Array, predicted: Array) -> float:
-    """Return the part of the floors' motion (c, n) that is the predicted one."""
+def _left(floors: Array, predicted: Array) -> float:
+    """Return the part of the floors' power (c, n) that is not that of the predicted motion."""
     power = float(np.sum(floors**2))
-    return 1.0 - float(np.sum((floors - predicted) ** 2)) / power if power else 0.0
+    return float(np.sum((floors - predicted) ** 2)) / power if power else 0.0
 
 
 def judged(setup: Setup, run: Run, recorded: RecordedRun) -> JudgedRecording:
@@ -240,8 +251,8 @@ def _of_specimen(setup: Setup, run: Run) -> tuple[dict[str, ArrayLike], tuple[Fi
     values: dict[str, ArrayLike] = {"exp_rths.specimen_unexplained": fit.residual}
     if fit.residual > MOST_UNEXPLAINED:
         told = (
-            f"{100.0 * fit.residual:.0f} % of the floors' motion is not that of a chain of storeys on the measured table: "
-            "a sensor, its place or its unit is not as stated, or the specimen is no such chain"
+            f"{100.0 * fit.residual:.0f} % of the floors' motion is not that of a chain of storeys on the measured "
+            "table: a sensor, its place or its unit is not as stated, or the specimen is no such chain"
         )
         return values, (stated(told),)
     specimen, computed = setup.building.specimen, len(setup.building.numerical.masses_kg)

@@ -37,11 +37,12 @@ from rths_cli.experiment.one_table_run import (
 )
 from rths_cli.experiment.provenance import attributes
 from rths_cli.experiment.real_rig_readiness import session_of
-from rths_cli.experiment.recorded_run import OWN, RECORDED
+from rths_cli.experiment.recorded_run import OWN
 from rths_cli.experiment.run_metrics import lowest_reliable_hz, told_causes
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup, building_key, make_setups, motion_key, shown
 from rths_cli.experiment.unit_plausibility import doubts_building, keys_in_doubt, unit_doubts
 from rths_cli.files.foreign_models import is_foreign
+from rths_cli.files.hdf5_opening import RECORDED
 from rths_cli.files.result_reader import BEGUN, COMPLETE, ResultWriter
 from rths_cli.findings import Finding, sentences, stated
 from rths_cli.interrupts import interruptible
@@ -187,25 +188,37 @@ def judge_recorded(setup: Setup, memory: Memory, sim: Response, writer: ResultWr
     from rths_cli.experiment.recording_faults import judged
 
     all_of_them = Played(None, {})
-    for recorded in setup.recorded.values():
-        kind = recorded.kind
+    for kind in TABLE_RUNS:
+        if (recorded := setup.recorded.get(kind.name)) is None:
+            continue
         progress(f"{kind.label}, recorded")
         writer.about(recorded.attributes)
         run = run_of(recorded.outcome, setup, kind, 0, None)
         run = _written(replace(run, warnings=(*recorded.told, *run.warnings)), setup, sim, writer)
         all_of_them = _with(all_of_them, replace(run, metrics={**run.metrics, **recorded.figures}))
-        if kind is HYBRID_TEST:
-            found = judged(setup, run, recorded)
-            after = AfterRun(why_none=found.another) if found.another else _error_of_recorded(setup, memory, run, progress)
-            all_of_them = replace(
-                all_of_them, values={**found.values, **all_of_them.values}, said=(*found.told, *all_of_them.said)
-            )
-            all_of_them = _with_error(all_of_them, setup, run, after, writer)
-            if found.another:
-                why = stated(f"another case: {found.another}")
-                stop = Stop("complete", str(why), 1)
-                all_of_them = replace(all_of_them, stop=all_of_them.stop or stop, said=(why, *all_of_them.said))
+        if kind is not HYBRID_TEST:
+            continue
+        found = judged(setup, run, recorded)
+        after = AfterRun(why_none=found.another) if found.another else _error_of_recorded(setup, memory, run, progress)
+        values, said = (
+            {**found.values, **all_of_them.values},
+            (*found.told, *all_of_them.said, *_noise_of(setup, after)),
+        )
+        all_of_them = _with_error(replace(all_of_them, values=values, said=said), setup, run, after, writer)
+        if found.another:
+            why = stated(found.another)
+            stop = all_of_them.stop or Stop("complete", str(why), 1)
+            all_of_them = replace(all_of_them, stop=stop, said=(why, *all_of_them.said))
     return all_of_them
+
+
+def _noise_of(setup: Setup, after: AfterRun) -> tuple[Finding, ...]:
+    """Return what the bound of a recorded run takes of the case's controller, which is not the recorded one."""
+    if after.true_error is None:
+        return ()
+    kind = setup.case.controller.kind
+    told = f"the bound takes noise and rounding of the samples to move the table as under the case's controller, {kind}"
+    return (stated(told, "notes"),)
 
 
 def _error_of_recorded(setup: Setup, memory: Memory, run: Run, progress: Progress) -> AfterRun:
@@ -213,7 +226,9 @@ def _error_of_recorded(setup: Setup, memory: Memory, run: Run, progress: Progres
     model = setup.case.identification.model
     if model is None or is_foreign(model):
         told = "identify it from its own measurements (rths identify --data) and name the file: identification.model"
-        return AfterRun(why_none=f"what sensors and masses hide is known only with an identified model of the table; {told}")
+        return AfterRun(
+            why_none=f"what sensors and masses hide is known only with an identified model of the table; {told}"
+        )
     known = memory.at_rest(setup, progress)
     if faults := known.faults(setup.overrides):
         return AfterRun(why_none="; ".join(sentences(faults)))
@@ -367,7 +382,7 @@ def run_case(
             result_contents.write_laboratory(writer, setup)
         sim, values = _simulations(setup, writer, shared, progress)
         played = judge_recorded(setup, memory, sim, writer, progress)
-        values, cautions = values | played.values, (*played.said, *cautions)
+        values, cautions = {**values, **played.values}, (*played.said, *cautions)
         truth = truth_of(setup, sim, shared, progress) if "exp_rths" in case.runs and not setup.recorded else None
         if known is not None and checked is not None:
             played = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
@@ -517,13 +532,14 @@ def sim_of(setup: Setup, shared: SharedValues) -> Response:
 
 
 def _for(setup: Setup, shared: SharedValues) -> SharedValues:
-    """Return where a setup's SIM may be shared: with no other case if its building is the caller's own."""
-    return SharedValues() if setup.declared else shared
+    """Return where a setup's SIM may be shared: with no other case if its building is the caller's own, or its ground
+    motion that of a recording."""
+    return SharedValues() if setup.declared or setup.recorded else shared
 
 
 def _of_sim(setup: Setup) -> tuple[object, ...]:
     """Return the key of SIM for SharedValues: everything that it depends on."""
-    return motion_key(setup.case), building_key(setup.case), len(setup.motion.time_s)
+    return motion_key(setup.case), building_key(setup.case)
 
 
 def _of_building(run: str, building: Building, found: Response) -> dict[str, ArrayLike]:

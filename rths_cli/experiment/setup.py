@@ -40,11 +40,13 @@ from rths_cli.rigs.from_case import calibration_faults, rig_info, skew_faults, t
 from rths_cli.structure import Building, Similitude, Specimen, build, modes, similitude_of
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from rths_cli.case.case_schema import Case
     from rths_cli.control.compensator import Compensator
     from rths_cli.control.interface import OwnParts
-    from rths_cli.experiment.recorded_run import RecordedRun
     from rths_cli.identification.results import Identification
+    from rths_cli.loop.simulated_time_run import Outcome
 
 NUMERICAL = "numerical"
 SAME = 1e-9  # largest relative difference of a declared specimen from the case's
@@ -114,6 +116,23 @@ def _check(name: str, declared: object, case: Building) -> None:
             f"parts: the building that {name} declares has {mass:g} kg of the interface floor on the table, in the "
             f"case {there:g} kg stand there; declare these"
         )
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """The signals of a run that was made elsewhere, on the clock of the record, as long as `samples`.
+
+    `told` belongs to the result, `figures` are metrics by path, `attributes` those of the result's root.
+    """
+
+    run: str  # its name, as a group of the result
+    outcome: Outcome
+    samples: int
+    names: Mapping[str, str]  # of the channels by role
+    ground: Array | None = None  # (n,) m/s^2, the recorded one where SIM takes that; None: the case's
+    told: tuple[Finding, ...] = ()
+    figures: Mapping[str, ArrayLike] = field(default_factory=dict)
+    attributes: Mapping[str, str | int | float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

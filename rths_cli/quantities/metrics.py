@@ -95,7 +95,8 @@ def declared() -> Iterator[Quantity]:
     """Yield every metric in the order of the groups of a result, each with the suffixes it also has."""
     found = (
         *_of_table(),
-        *_of_losses(), *_of_recordings(),
+        *_of_losses(),
+        *_of_recordings(),
         *_of_response(),
         *_against_sim(),
         *_of_check(),

@@ -114,8 +114,8 @@ def choose_of_run(
     series = {
         role: _usable(recording.samples[k]) * (signs[role] * OF_A_RUN[unit][0]) for role, (k, unit) in found.items()
     }
-    units = {role: OF_A_RUN[unit][1] for role, (_, unit) in found.items()}
-    return RunChannels(series, units, {role: recording.names[k] for role, (k, _) in found.items()})
+    of_each = {role: OF_A_RUN[unit][1] for role, (_, unit) in found.items()}
+    return RunChannels(series, of_each, {role: recording.names[k] for role, (k, _) in found.items()})
 
 
 def _speaks_of(recording: Recording, role: str, units: tuple[str, ...]) -> bool:
@@ -133,7 +133,9 @@ def _channel(
     where = f"{recording.path}: {role}: channel {channel!r}"
     given, fitting = canonical_unit(unit), [one for one in OF_A_RUN if OF_A_RUN[one][1] in wanted]
     if unit and (not given or given not in fitting):
-        raise InputError(f"{where}: {unit!r} is not one of the units {', '.join(fitting)}; correct --channel {role}=...")
+        raise InputError(
+            f"{where}: {unit!r} is not one of the units {', '.join(fitting)}; correct --channel {role}=..."
+        )
     if given and stated and OF_A_RUN[given] != OF_A_RUN[stated]:
         raise InputError(
             f"{where}: the file states the unit {stated}, --channel {given}; correct or remove one of them"

@@ -4,8 +4,8 @@ lost between two of its samples.
 Sample k of the recording lies at sample `offset + step * k` of the record. A coarse search (normalised
 cross-correlation of block means over all offsets, and over rates up to 10 % off) finds the neighbourhood, also of a
 motion of the wrong sign. Windows of 3 s are then placed one by one: places on a straight line are one even clock, a
-jump of the line is a lost block, anything else is no even clock. The line is refined by Gauss-Newton steps on all samples
-together; what its parameters are uncertain by is the jackknife over ten parts.
+jump of the line is a lost block, anything else is no even clock. The line is refined by Gauss-Newton steps on all
+samples together; what its parameters are uncertain by is the jackknife over ten parts.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ SEARCH_S = 5.0  # by which a window may be elsewhere than the coarse search says
 LEAST_ENERGY = 1e-3  # of the loudest window's, of a window that tells the time
 LEAST_PLACED = 0.5  # of the windows that tell the time: with fewer, another motion is recorded
 ALIKE = 0.9  # correlation of a window that is believed
+SURE = 1e-3  # samples: no window tells its place better
 JUMP = 0.5  # samples between two windows, from which a block is lost
 PARTS = 10  # of the jackknife
 STEPS = 30  # of Gauss and Newton, at most
@@ -248,12 +249,16 @@ def _line(windows: list[_Window], recorded: Array, record: Array) -> tuple[tuple
         kept = segments[0] if segments else np.arange(len(windows))
         step, offset = (float(one) for one in np.polyfit(middle[kept], place[kept], 1))
         return (offset, step), ()
-    weights = [middle[part] - middle[part].mean() for part in segments]
-    step = float(
-        sum(w @ (place[part] - place[part].mean()) for w, part in zip(weights, segments, strict=True))
-        / sum(w @ w for w in weights)
+    sure = 1.0 / (error**2 + SURE**2)  # a window across a jump lies anywhere, and its error says so
+    centre = [float(np.average(middle[part], weights=sure[part])) for part in segments]
+    mean = [float(np.average(place[part], weights=sure[part])) for part in segments]
+    aside = [middle[part] - one for part, one in zip(segments, centre, strict=True)]
+    risen = [place[part] - one for part, one in zip(segments, mean, strict=True)]
+    weighted = [sure[part] * one for part, one in zip(segments, aside, strict=True)]
+    step = sum(float(w @ y) for w, y in zip(weighted, risen, strict=True)) / sum(
+        float(w @ x) for w, x in zip(weighted, aside, strict=True)
     )
-    offsets = [float(np.mean(place[part] - step * middle[part])) for part in segments]
+    offsets = [y - step * x for y, x in zip(mean, centre, strict=True)]
     lost = []
     for (before, after), (one, other) in zip(pairwise(offsets), pairwise(segments), strict=True):
         k = _break(recorded, record, step, (before, after), (int(middle[one[-1]]), int(middle[other[0]])))

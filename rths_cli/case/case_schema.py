@@ -24,6 +24,7 @@ from rths_cli.case.compensator_schema import CompensatorSpec, compensator_kinds
 from rths_cli.case.field_types import Problem, Range, Strict, count, entry, listed, number, refusal, same_length, shown
 from rths_cli.case.real_rig_overrides import REAL_DEFAULTS, STRICTER
 from rths_cli.case.record_schema import RecordSpec
+from rths_cli.case.recorded_run_schema import RECORDED_RUNS, RecordedRunSpec, recorded_problems
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_capabilities import DEFAULT_KIND, Capabilities, capabilities_of
 from rths_cli.case.rig_schema import DEFAULT_LOST_SAMPLES, AnyRig, LimitOverrides, LimitsSpec, UdpRigSpec
@@ -332,8 +333,15 @@ class CaseKeys(Strict):
         description="integration of the numerical storeys: first-order hold, Chen-Ricles, or explicit Newmark",
     )
     runs: tuple[RunName, ...] = Field(
-        default=RUNS, min_length=1, description="default: all; on a rig that is not virtual all but shake_table"
+        default=RUNS,
+        min_length=1,
+        description="default: all; on a rig that is not virtual all but shake_table; with a recording those that it is "
+        "of, and SIM and SIM-DELAY",
     )
+    exp_rths: RecordedRunSpec | None = Field(
+        default=None, description="the EXP-RTHS was made elsewhere: its recording is judged, and nothing moves"
+    )
+    shake_table: RecordedRunSpec | None = Field(default=None, description="the same of the shake-table test")
     sample_rate_hz: Annotated[float, Range(ge=100, le=50_000)] = Field(
         default=2000.0, description="sample rate of the step, and of every series in the result"
     )
@@ -398,6 +406,7 @@ class CaseKeys(Strict):
         yield from _rig_problems(data)
         yield from _nyquist_problems(data)
         yield from _accept_problems(data)
+        yield from recorded_problems(data)
 
 
 class Case(CaseKeys):
@@ -420,6 +429,12 @@ class Case(CaseKeys):
     def n_storeys(self) -> int:
         """Return the number of storeys of the total structure."""
         return len(self.structure.numerical.masses_kg) + len(self.structure.experimental.masses_kg)
+
+    @property
+    def recorded(self) -> dict[str, RecordedRunSpec]:
+        """Return the recordings of the runs that were made elsewhere, by run; then nothing moves."""
+        found = ((run, getattr(self, run)) for run in RECORDED_RUNS)
+        return {run: spec for run, spec in found if spec is not None}
 
     def published(self) -> dict[str, float | tuple[float, ...]]:
         """Return the reference's figures for this case by metric path, empty when there are none."""

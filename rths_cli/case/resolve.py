@@ -15,6 +15,7 @@ from rths_cli.case.case_schema import TEST_BAND_RANGE, CaseKeys, IdentificationS
 from rths_cli.case.field_types import near
 from rths_cli.case.named_files import find, kind_of_tree, no_case
 from rths_cli.case.real_rig_overrides import is_real, made_real, over_real_rig, set_inside
+from rths_cli.case.recorded_run_schema import RECORDED_RUNS
 from rths_cli.case.yaml_reader import Fault, Mark, Node, Source, display, parse, plain, printable, read_file
 from rths_cli.errors import InputError
 from rths_cli.numerics.bands import with_test_band
@@ -225,6 +226,7 @@ def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:
     expand_test_band(children, faults, lost)
     if "table" not in lost:
         children["table"] = _with_calibration(children["table"], "table.", faults)
+    _expand_recorded(children, faults)
     _expand_real_rig(children, faults)
     _expand_file(children, ("record", "file"), "records", faults)
     _expand_file(children, ("identification", "model"), None, faults)
@@ -384,6 +386,18 @@ def _expand_file(children: dict[str, Node], keys: tuple[str, str], kind: str | N
     children[keys[0]] = replace(
         parent, value={**parent.children, keys[1]: replace(node, value=Path(os.path.abspath(path)))}
     )
+
+
+def _expand_recorded(children: dict[str, Node], faults: list[Fault]) -> None:
+    """Fill in the runs of a case that names recordings, and their paths."""
+    recorded = [run for run in RECORDED_RUNS if run in children and children[run].value is not None]
+    if recorded:
+        beside = children[recorded[0]]
+        runs = tuple(Node(run, beside.mark) for run in ("sim", "sim_delay", *recorded))
+        children.setdefault("runs", Node(runs, beside.mark, beside.key_mark))
+    for run in recorded:
+        if isinstance(children[run].value, dict):
+            _expand_file(children, (run, "recording"), None, faults)
 
 
 def _expand_real_rig(children: dict[str, Node], faults: list[Fault]) -> None:

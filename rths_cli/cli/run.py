@@ -136,7 +136,7 @@ def run(
     )
     with screen.reading("starting"):
         ended = run_batch(request, screen)
-    _show_results(ended, as_json, junit, Wanted(full, paper, quiet))
+    show_results(ended, as_json, junit, Wanted(full, paper, quiet))
     if junit and replaced and not quiet:
         screen.message(f"replaced {junit}")
     differs = swept is not None and ended[0].path is not None and _differs(swept, ended[0].path, screen, quiet)
@@ -180,7 +180,7 @@ def _differs(row: SweptRow, path: Path, screen: Screen, quiet: int) -> bool:
     return True
 
 
-def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None, wanted: Wanted) -> None:
+def show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None, wanted: Wanted) -> None:
     """Read the result files back, write their tests and print what is wanted of them."""
     from rths_cli.report.result_scale import reported
     from rths_cli.report.results_by_case import load

@@ -687,6 +687,13 @@ def check_cases(
     faults of the cases.
     """
     memory = memory or Memory(Cache())
+    if recorded := [case for case in cases if case.recorded]:
+        raise InputError(*(
+            f"{place_of(case, next(iter(case.recorded)))}: is a run that was made; nothing is to be checked before it. "
+            "rths run judges it; to check its controller from its state space, remove the key and name it under "
+            "controller (kind: state_space)"
+            for case in recorded
+        ))  # fmt: skip
     setups = make_setups(cases, overrides, parts=parts, samples=samples)
     for setup in setups:
         refuse_unstable_steps(setup.case, setup.building)

@@ -43,6 +43,7 @@ from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Model
 
 SAME_RATE = 1e-6
+ONLY_OF_RUNS = ("ground", "desired", "base_shear")  # channels that tell of a run and nothing of a table
 QUIET_SHARE = 0.6  # a record below this fraction of the loudest one's rms is a record at low level
 CORRECTED = "accelerations free of the sensors' dynamics"  # mark in a saved record whose sensor dynamics are removed
 
@@ -180,7 +181,8 @@ def _rate_faults(recording: Recording, setup: Setup) -> list[str]:
 def _record(recording: Recording, request: DataRequest, setup: Setup) -> tuple[Record, Chosen, list[str]]:
     """Return one file's record, the channels used, and notes on interpolated or unusual samples."""
     floors = [channel.name for channel in setup.rig.channels]
-    chosen = choose(recording, ("command", *floors), request.channels)
+    named = {role: one for role, one in request.channels.items() if role not in ONLY_OF_RUNS}
+    chosen = choose(recording, ("command", *floors), named)
     signals = np.vstack([chosen.command_v, chosen.accel])
     names = ("command", *floors)
     mended, notes = mend(signals, names)

@@ -202,7 +202,9 @@ def run_of(
     every_storey_is_measured = len(setup.building.numerical.masses_kg) == 1
     building = None
     if kind.source == NUMERICAL and not (only_accelerations and every_storey_is_measured):
-        own = OwnInterface(setup.motion, setup.knows_storeys) if "numerical" in setup.parts else None
+        by_laws = kind.name in setup.recorded and not setup.building.linear  # a recording does not hold their forces
+        knows = setup.knows_storeys and not by_laws
+        own = OwnInterface(setup.motion, knows) if by_laws or "numerical" in setup.parts else None
         building = whole_building(setup.building, series, setup.motion.accel_m_s2, dt_s, setup.case.integration, own)
     return Run(
         kind, lead_samples, series, building, outcome.whole, drift,

@@ -157,7 +157,8 @@ def write_table_run(
         values["part_value_names"] = "\n".join(f"{one.name} ({one.units})" for one in series.logs)
     writer.group(run, values, time, storey, scales, _remarks_on_samples(setup, series) | _remarks_on_storeys(setup))
     timed = {"compute_s": (WITH_RIG,) if setup.rig.can.counts_steps else ()}
-    writer.group(f"{run}/timing", {"compute_s": series.compute_s, **series.live}, time, storey, remarks=timed)
+    if run not in setup.recorded:  # whose durations nobody measured
+        writer.group(f"{run}/timing", {"compute_s": series.compute_s, **series.live}, time, storey, remarks=timed)
     if series.has_truth:
         truth = {
             "table_accel_m_s2": series.true_accel[0],

@@ -4,7 +4,7 @@ skipped or refused), accept limits, result file."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -37,9 +37,12 @@ from rths_cli.experiment.one_table_run import (
 )
 from rths_cli.experiment.provenance import attributes
 from rths_cli.experiment.real_rig_readiness import session_of
+from rths_cli.experiment.recorded_run import OWN
 from rths_cli.experiment.run_metrics import lowest_reliable_hz, told_causes
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup, building_key, make_setups, motion_key, shown
 from rths_cli.experiment.unit_plausibility import doubts_building, keys_in_doubt, unit_doubts
+from rths_cli.files.foreign_models import is_foreign
+from rths_cli.files.hdf5_opening import RECORDED
 from rths_cli.files.result_reader import BEGUN, COMPLETE, ResultWriter
 from rths_cli.findings import Finding, sentences, stated
 from rths_cli.interrupts import interruptible
@@ -49,6 +52,8 @@ from rths_cli.rigs.from_case import laboratory_number, true_values_of_run
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from rths_cli.analysis.error_budget import Undisturbed
+    from rths_cli.analysis.predicted_error import PredictionInputs
     from rths_cli.analysis.sim import Response
     from rths_cli.analysis.sim_delay import DelayedResponse
     from rths_cli.case.case_schema import Case
@@ -126,14 +131,14 @@ def play_all(
     all_of_them = Played(None, {})
     for kind in TABLE_RUNS:
         stop, late = all_of_them.stop, all_of_them.late
-        if kind.name not in setup.case.runs or (_ended(stop) and setup.rig.can.moves_hardware):
+        if kind.name not in setup.case.runs or (_ended(stop) and setup.moves_hardware):
             continue
         if refusal := refusal_of(setup, checked, kind):
             _note(writer, kind.name, refusal)
             stop = _both(stop, refusal)
             all_of_them = replace(all_of_them, stop=stop)
             continue
-        if late is not None and setup.rig.can.moves_hardware:
+        if late is not None and setup.moves_hardware:
             stop = replace(late, reason=f"{kind.label} was not begun: {late.reason}")
             _note(writer, kind.name, stop)
             all_of_them = replace(all_of_them, stop=stop)
@@ -146,19 +151,92 @@ def play_all(
         if run.stopped is not None and checked.refuses(kind.name):
             told = f"{checked.of_run(kind.name)[0]} by its check, which was overridden; {run.stopped.reason}"
             run = replace(run, stopped=replace(run.stopped, reason=told))
-        write_run(writer, setup, run)
-        _note(writer, kind.name, run.stopped)
-        run = evaluated(run, setup, sim, checked.loop, checked.replay)
-        if causes := told_causes(run.causes):
-            writer.about(causes)
+        run = _written(run, setup, sim, writer, checked.loop, checked.replay)
         all_of_them = _with(all_of_them, run)
         if kind is HYBRID_TEST:
-            after = error_after_run(checked.uncertain, run)
-            if after.why_none:
-                writer.about({"no_true_error_bound": after.why_none})
-            values = {**all_of_them.values, **after.values}
-            all_of_them = replace(all_of_them, true_accel=true_accelerations(run, setup), after=after, values=values)
+            all_of_them = _with_error(all_of_them, setup, run, error_after_run(checked.uncertain, run), writer)
     return all_of_them
+
+
+def _written(
+    run: Run,
+    setup: Setup,
+    sim: Response,
+    writer: ResultWriter,
+    loop: PredictionInputs | None = None,
+    replay: Callable[[], Undisturbed] | None = None,
+) -> Run:
+    """Write the series and the end of a run, and return it with its metrics."""
+    write_run(writer, setup, run)
+    _note(writer, run.kind.name, run.stopped)
+    run = evaluated(run, setup, sim, loop, replay)
+    if causes := told_causes(run.causes):
+        writer.about(causes)
+    return run
+
+
+def _with_error(before: Played, setup: Setup, run: Run, after: AfterRun, writer: ResultWriter) -> Played:
+    """Return the outcome with what a hybrid test tells of its true error."""
+    if after.why_none:
+        writer.about({"no_true_error_bound": after.why_none})
+    values = {**before.values, **after.values}
+    return replace(before, true_accel=true_accelerations(run, setup), after=after, values=values)
+
+
+def judge_recorded(setup: Setup, memory: Memory, sim: Response, writer: ResultWriter, progress: Progress) -> Played:
+    """Write and judge the runs of a case that were made elsewhere."""
+    from rths_cli.experiment.recording_faults import judged
+
+    all_of_them = Played(None, {})
+    for kind in TABLE_RUNS:
+        if (recorded := setup.recorded.get(kind.name)) is None:
+            continue
+        progress(f"{kind.label}, recorded")
+        writer.about(recorded.attributes)
+        run = run_of(recorded.outcome, setup, kind, 0, None)
+        run = _written(replace(run, warnings=(*recorded.told, *run.warnings)), setup, sim, writer)
+        all_of_them = _with(all_of_them, replace(run, metrics={**run.metrics, **recorded.figures}))
+        if kind is not HYBRID_TEST:
+            continue
+        found = judged(setup, run, recorded)
+        after = AfterRun(why_none=found.another) if found.another else _error_of_recorded(setup, memory, run, progress)
+        values, said = (
+            {**found.values, **all_of_them.values},
+            (*found.told, *all_of_them.said, *_noise_of(setup, after)),
+        )
+        all_of_them = _with_error(replace(all_of_them, values=values, said=said), setup, run, after, writer)
+        if found.another:
+            why = stated(found.another)
+            stop = all_of_them.stop or Stop("complete", str(why), 1)
+            all_of_them = replace(all_of_them, stop=stop, said=(why, *all_of_them.said))
+    return all_of_them
+
+
+def _noise_of(setup: Setup, after: AfterRun) -> tuple[Finding, ...]:
+    """Return what the bound of a recorded run takes of the case's controller, which is not the recorded one."""
+    if after.true_error is None:
+        return ()
+    kind = setup.case.controller.kind
+    told = f"the bound takes noise and rounding of the samples to move the table as under the case's controller, {kind}"
+    return (stated(told, "notes"),)
+
+
+def _error_of_recorded(setup: Setup, memory: Memory, run: Run, progress: Progress) -> AfterRun:
+    """Return what a recorded run tells of its true error, which needs the model of its table that the case names."""
+    model = setup.case.identification.model
+    if model is None or is_foreign(model):
+        told = "identify it from its own measurements (rths identify --data) and name the file: identification.model"
+        return AfterRun(
+            why_none=f"what sensors and masses hide is known only with an identified model of the table; {told}"
+        )
+    known = memory.at_rest(setup, progress)
+    if faults := known.faults(setup.overrides):
+        return AfterRun(why_none="; ".join(sentences(faults)))
+    checked = verdict_on(setup, known, table_test=False)
+    if checked.uncertain is None:
+        why = "; ".join(sentences(checked.findings)) or "the loop of its controller is not known"
+        return AfterRun(why_none=f"nothing is predicted of the noise in a test with the controller of the case: {why}")
+    return error_after_run(checked.uncertain, run)
 
 
 def _both(stop: Stop | None, refusal: Stop) -> Stop:
@@ -268,13 +346,13 @@ def prepare_folder(setups: Sequence[Setup], output: Path, series: str) -> None:
 
 def _bytes(setup: Setup, series: str) -> int:
     """Return the number of bytes that the files of a case may need."""
-    logged = LOG_BYTES_PER_SAMPLE if setup.rig.can.moves_hardware else 0
+    logged = LOG_BYTES_PER_SAMPLE if setup.moves_hardware else 0
     return (BYTES_PER_SAMPLE[series] + logged) * len(setup.motion.time_s)
 
 
 def moves_table(case: Case) -> bool:
-    """Return whether a case has a run on the table."""
-    return bool({"shake_table", "exp_rths"} & set(case.runs))
+    """Return whether a case has a run on the table, which is not one that was made elsewhere."""
+    return bool({"shake_table", "exp_rths"} & set(case.runs)) and not case.recorded
 
 
 def run_case(
@@ -297,13 +375,15 @@ def run_case(
     checked = verdict_on(setup, known, "exp_rths" in case.runs, shared=shared) if known else None
     cautions, replaced = _cautions(setup, known, checked), path.exists()
     about = _attributes(setup, checked, known, command_line, cautions) | {"series": series}
-    with ResultWriter(path, about, lasting=setup.rig.can.moves_hardware) as writer:
+    with ResultWriter(path, about, lasting=setup.moves_hardware) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         result_contents.write_record(writer, setup)
-        result_contents.write_laboratory(writer, setup)
+        if not setup.recorded:
+            result_contents.write_laboratory(writer, setup)
         sim, values = _simulations(setup, writer, shared, progress)
-        played = Played(None, {})
-        truth = truth_of(setup, sim, shared, progress) if "exp_rths" in case.runs else None
+        played = judge_recorded(setup, memory, sim, writer, progress)
+        values, cautions = {**values, **played.values}, (*played.said, *cautions)
+        truth = truth_of(setup, sim, shared, progress) if "exp_rths" in case.runs and not setup.recorded else None
         if known is not None and checked is not None:
             played = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
             values |= played.values
@@ -368,7 +448,8 @@ def _attributes(
     main = "exp_rths" if "exp_rths" in setup.case.runs else "shake_table"
     judged = checked.of_run(main)[0] if checked else ""
     verdict = {"check_verdict": judged, "units_in_doubt": ", ".join(keys_in_doubt(setup))}
-    return attributes(setup, checked.design if checked else None, command_line) | model | verdict
+    made = {"controller": OWN, "rig_kind": RECORDED} if setup.recorded else {}
+    return attributes(setup, checked.design if checked else None, command_line) | model | verdict | made
 
 
 def _on_table(
@@ -451,8 +532,9 @@ def sim_of(setup: Setup, shared: SharedValues) -> Response:
 
 
 def _for(setup: Setup, shared: SharedValues) -> SharedValues:
-    """Return where a setup's SIM may be shared: with no other case if its building is the caller's own."""
-    return SharedValues() if setup.declared else shared
+    """Return where a setup's SIM may be shared: with no other case if its building is the caller's own, or its ground
+    motion that of a recording."""
+    return SharedValues() if setup.declared or setup.recorded else shared
 
 
 def _of_sim(setup: Setup) -> tuple[object, ...]:

@@ -27,6 +27,7 @@ from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.real_rig_readiness import ask_to_move
+from rths_cli.experiment.recorded_run import with_recordings
 from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, prepare_folder, run_case, worst_code
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup
 from rths_cli.experiment.unit_plausibility import before_error
@@ -144,10 +145,10 @@ def _planned(
         setups = prepare_all(
             cases, request.output, request.overrides, shared, request.parts, request.samples, request.series
         )
-        setups = [replace(setup, session_seed=request.session_seed) for setup in setups]
+        setups = [replace(setup, session_seed=request.session_seed) for setup in map(with_recordings, setups)]
         named = named or len(request.methods) > 1
         jobs += [(setup, request.output / _file_of(setup, named)) for setup in setups]
-    if request.series != "all" and (real := [setup for setup, _ in jobs if setup.rig.can.moves_hardware]):
+    if request.series != "all" and (real := [setup for setup, _ in jobs if setup.moves_hardware]):
         raise InputError(
             f"--series {request.series}: rig {real[0].rig.name} is real, whose runs keep all; leave it out"
         )
@@ -160,12 +161,13 @@ def _planned(
 
 def _file_of(setup: Setup, named: bool) -> str:
     """Return the name of a case's result file."""
-    return f"{setup.case.name}{f'-{setup.case.method}' if named else ''}{_when(setup)}.h5"
+    of = "".join(f"-{spec.recording.stem}" for spec in setup.case.recorded.values())
+    return f"{setup.case.name}{of}{f'-{setup.case.method}' if named else ''}{_when(setup)}.h5"
 
 
 def _when(setup: Setup) -> str:
     """Return the time (UTC) for the name of a real rig's result, which is never replaced; "" for a virtual rig."""
-    return datetime.now(UTC).strftime("-%Y%m%dT%H%M%SZ") if setup.rig.can.moves_hardware else ""
+    return datetime.now(UTC).strftime("-%Y%m%dT%H%M%SZ") if setup.moves_hardware else ""
 
 
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
@@ -207,7 +209,7 @@ def _run_jobs(
 ) -> list[Ended]:
     """Run the cases, whose result files are claimed; `before`: number of cases that cannot be used."""
     shared.size = most_kept(jobs)
-    real = [setup for setup, _ in jobs if setup.rig.can.moves_hardware]
+    real = [setup for setup, _ in jobs if setup.moves_hardware]
     for note in dict.fromkeys(str(note) for setup in real for note in baseline_note(setup)):
         watcher.warning(note)  # before anybody permits a motion; of a virtual rig the answer tells
 
@@ -215,11 +217,11 @@ def _run_jobs(
         from rths_cli.files.foreign_models import is_foreign
 
         model = setup.case.identification.model
-        if "exp_rths" not in setup.case.runs or model is None or is_foreign(model):
+        if setup.recorded or "exp_rths" not in setup.case.runs or model is None or is_foreign(model):
             return {}
         return verdict_on(setup, memory.at_rest(setup, watcher.doing), shared=shared).figures
 
-    ask_to_move([setup for setup, _ in jobs], request.yes, watcher.confirm, predicted)
+    ask_to_move([setup for setup, _ in jobs if not setup.recorded], request.yes, watcher.confirm, predicted)
 
     def work(job: Job, tell: Progress) -> Ended:
         start = time.monotonic()
@@ -235,7 +237,7 @@ def _run_jobs(
             if ended.path not in (None, path):
                 watcher.message(taken_sentence(path, ended.path))
             watcher.ended(ended, ended.seconds)
-            if setup.rig.can.moves_hardware and ended.exit_code > 1:
+            if setup.moves_hardware and ended.exit_code > 1:
                 results += [_not_run(left, path) for left, _ in jobs[number - before :]]
                 break
     return results
@@ -249,7 +251,7 @@ def _not_run(setup: Setup, stopped: Path) -> Ended:
 
 def cases_at_once(jobs: Sequence[Job], most: int | None = None) -> int:
     """Return the number of cases that run in parallel, at most `most`: one with a real rig or a very long record."""
-    real = any(setup.rig.can.moves_hardware for setup, _ in jobs)
+    real = any(setup.moves_hardware for setup, _ in jobs)
     return 1 if real else min(most or AT_ONCE, len(jobs), cores(), most_kept(jobs))
 
 
@@ -271,7 +273,7 @@ def run_one(
     """Run one case, write its result file and return how it ended; an exception gives the reason and the exit code."""
     taken = path.exists()
     try:
-        if setup.rig.can.counts_steps:
+        if setup.rig.can.counts_steps or setup.recorded:
             return run_case(setup, path, memory, command_line, tell, shared, series=series)
         return _run_real(setup, path, memory, shared, command_line, tell, watcher)
     except RthsError as error:
@@ -302,7 +304,7 @@ def _failed(setup: Setup, path: Path, taken: bool, reason: str, code: int) -> En
     replaced by 4.
     """
     begun = (
-        setup.rig.can.moves_hardware
+        setup.moves_hardware
         and not taken
         and bool(path.exists() or [*path.parent.glob(f".{escape(path.name)}.*.part")])
     )

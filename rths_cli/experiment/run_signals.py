@@ -208,6 +208,20 @@ def whole_building(
     return BuildingMotion(rel_disp, rel_vel, np.vstack([accel[:-1], series.measured]))
 
 
+def base_shear_of(setup: Setup, table: Array, floors: Array) -> Array:
+    """Return the base shear (n,) in N by the floors' masses and their accelerations (c, n) above the table's (n,)
+    (paper, Eq. 2.6)."""
+    building = setup.building
+    return np.asarray(-(building.interface_experimental_mass_kg * table + building.specimen.masses_kg @ floors))
+
+
+def computed_interface(setup: Setup, ground: Array, base_shear_n: Array) -> Array:
+    """Return the absolute acceleration (n,) of the interface that the computed storeys of a linear building have."""
+    p = len(setup.building.numerical.masses_kg)
+    block = all_storeys(setup.building.numerical, setup.rig.dt_s, setup.case.integration)
+    return np.asarray(run_block(block, np.vstack([ground, base_shear_n]))[3 * p - 1])
+
+
 @dataclass(frozen=True)
 class SensorDrift:
     """Offset, drift and jumps of the channels in a run."""

@@ -3,7 +3,7 @@ the caller of the Python interface makes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -40,10 +40,13 @@ from rths_cli.rigs.from_case import calibration_faults, rig_info, skew_faults, t
 from rths_cli.structure import Building, Similitude, Specimen, build, modes, similitude_of
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from rths_cli.case.case_schema import Case
     from rths_cli.control.compensator import Compensator
     from rths_cli.control.interface import OwnParts
     from rths_cli.identification.results import Identification
+    from rths_cli.loop.simulated_time_run import Outcome
 
 NUMERICAL = "numerical"
 SAME = 1e-9  # largest relative difference of a declared specimen from the case's
@@ -116,6 +119,23 @@ def _check(name: str, declared: object, case: Building) -> None:
 
 
 @dataclass(frozen=True)
+class RecordedRun:
+    """The signals of a run that was made elsewhere, on the clock of the record, as long as `samples`.
+
+    `told` belongs to the result, `figures` are metrics by path, `attributes` those of the result's root.
+    """
+
+    run: str  # its name, as a group of the result
+    outcome: Outcome
+    samples: int
+    names: Mapping[str, str]  # of the channels by role
+    ground: Array | None = None  # (n,) m/s^2, the recorded one where SIM takes that; None: the case's
+    told: tuple[Finding, ...] = ()
+    figures: Mapping[str, ArrayLike] = field(default_factory=dict)
+    attributes: Mapping[str, str | int | float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Setup:
     """A case with its ground motion, building and rig, before anything moves."""
 
@@ -137,6 +157,7 @@ class Setup:
     compensator: Compensator | None = None  # of a case whose controller is one
     record_treatment: tuple[str, ...] = ()  # what was done to the record before it was scaled, in its order
     record_defects: tuple[Finding, ...] = ()  # of the record as it is played
+    recorded: Mapping[str, RecordedRun] = field(default_factory=dict)  # runs made elsewhere, by name
 
     def calibrated(self, found: Identification) -> Setup:
         """Return the setup on a rig whose sensors are those that an identification found."""
@@ -150,6 +171,11 @@ class Setup:
         )
         rig = replace(declared, channels=calibrated(declared.channels, found.calibration), further=further)
         return replace(self, rig=rig, declared_rig=declared)
+
+    @property
+    def moves_hardware(self) -> bool:
+        """Return whether a real table moves in the runs of the case; none does where they were made elsewhere."""
+        return self.rig.can.moves_hardware and not self.case.recorded
 
     @property
     def session(self) -> int:

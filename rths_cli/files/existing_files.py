@@ -12,7 +12,7 @@ from pathlib import Path
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import is_stream, open_regular, stream_fault
-from rths_cli.files.hdf5_opening import RESTORE, SIGNATURE, VIRTUAL, Wanted, opened, unreadable
+from rths_cli.files.hdf5_opening import RECORDED, RESTORE, SIGNATURE, VIRTUAL, Wanted, opened, unreadable
 from rths_cli.files.hdf5_safety import attribute
 from rths_cli.files.model_file import read_model
 
@@ -113,4 +113,4 @@ def _look_into(path: Path) -> tuple[Kind | None, bool]:
 
 
 def _is_real(rig_kind: object) -> bool:
-    return str(rig_kind or VIRTUAL) != VIRTUAL
+    return str(rig_kind or VIRTUAL) not in (VIRTUAL, RECORDED)

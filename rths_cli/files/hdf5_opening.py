@@ -30,6 +30,7 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 LAST_START = 1 << 20  # the signature is at byte 0, 512, 1024, 2048, ...
 RESTORE = "take it from a copy, and keep this one until then"
 VIRTUAL = "virtual"  # kind of rig whose data can be made anew
+RECORDED = "recorded"  # kind of rig of a run that was made elsewhere: its result can be made anew from its recording
 HELD = "is open for writing in another program; close it there, or read a copy of the file"
 FAULTS = (OSError, RuntimeError, LookupError, ValueError, TypeError)  # what h5py raises on a damaged file
 _HELD = (errno.EAGAIN, errno.EWOULDBLOCK, errno.EACCES)

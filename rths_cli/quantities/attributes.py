@@ -17,6 +17,7 @@ STATUSES = ("complete", "aborted", "interrupted", "failed", "refused")
 REAL = "real rig only"
 LINKED = "UDP rig only"
 RECOVERED = "recovered run only"
+ELSEWHERE = "run made elsewhere only"
 SCALED = "only where the case states a scale"
 FACTOR = (1e-15, 1e15)
 """Limits of a scale factor."""
@@ -52,7 +53,9 @@ OF_FILE = (
     ),
     AttributeDeclaration("compared_high_hz", "number", "its upper end in Hz", (1e-3, 1e4), present=SINCE_0_2),
     AttributeDeclaration("method", "text", "best or paper"),
-    AttributeDeclaration("controller", "text", "FF, FF+FB, none or a kind of compensator"),
+    AttributeDeclaration(
+        "controller", "text", "FF, FF+FB, none, a kind of compensator, or own (recorded): of a run made elsewhere"
+    ),
     AttributeDeclaration("scaling", "number", "factor on the record", (-1e9, 1e9)),
     AttributeDeclaration("scale_length", "number", "length of the prototype over that of the model", FACTOR, SCALED),
     AttributeDeclaration("scale_acceleration", "number", "the same of accelerations", FACTOR, SCALED),
@@ -93,7 +96,7 @@ OF_FILE = (
         present="only where something was done",
     ),
     AttributeDeclaration("rig", "text", "name of the rig"),
-    AttributeDeclaration("rig_kind", "text", "virtual, udp, ni, or the kind of a package"),
+    AttributeDeclaration("rig_kind", "text", "virtual, udp, ni, the kind of a package, or recorded"),
     AttributeDeclaration(
         "calibration",
         "text",
@@ -160,6 +163,10 @@ OF_RUN = (
         "RUN_log_behind_s", "number", "how far the raw log was behind the loop at worst, in s", present=REAL
     ),
     AttributeDeclaration("RUN_link_peer", "text", "address of the target", present=LINKED),
+    AttributeDeclaration("RUN_recording", "text", "file of the recording and its SHA-256", present=ELSEWHERE),
+    AttributeDeclaration(
+        "RUN_recorded_channels", "text", "role and channel of the recording, one a line", present=ELSEWHERE
+    ),
     AttributeDeclaration("recovered_RUN", "text", "how much of this run its raw log held", present=RECOVERED),
 )
 """Of the root, for each run on the table."""

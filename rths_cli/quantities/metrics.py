@@ -96,6 +96,7 @@ def declared() -> Iterator[Quantity]:
     found = (
         *_of_table(),
         *_of_losses(),
+        *_of_recordings(),
         *_of_response(),
         *_against_sim(),
         *_of_check(),
@@ -152,6 +153,22 @@ def _of_table() -> Iterator[Quantity]:
         deviation, largest = f"J2: standard deviation of {error} over desired", f"J3: peak of {error} over desired"
         yield Quantity(f"{run}.j2", "1", "", LESS, deviation, BANDS, BAND, BENCHMARK)
         yield Quantity(f"{run}.j3", "1", "", LESS, largest, BANDS, BAND, BENCHMARK)
+
+
+def _of_recordings() -> Iterator[Quantity]:
+    """Yield how the recording of a run that was made elsewhere lies on the record."""
+    only = "run made elsewhere only"
+    for run in TABLE_RUNS:
+        for name, units, text in (
+            ("recording_start_s", "s", "time of the recording at which the record begins"),
+            ("recording_start_error_s", "s", "standard uncertainty of it"),
+            ("recording_clock_fast", "1", "by how much the recorder's clock is faster than the file states, relative"),
+            ("recording_clock_error", "1", "standard uncertainty of it"),
+            ("recording_ground_gain", "1", "recorded ground motion over that of the case"),
+            ("recording_ground_left", "1", "part of its RMS that is not the case's ground motion"),
+            ("recording_interpolated", "1", "whether its samples were interpolated (1) or taken as they are (0)"),
+        ):
+            yield Quantity(f"{run}.{name}", units, "", NONE, f"{text} ({only})")
 
 
 def _lowest(run: str) -> Quantity:
@@ -277,6 +294,12 @@ def _after_run() -> Iterator[Quantity]:
     yield Quantity(path, "%", "storey", LESS, about, (), BAND)
     about = "RMS error of the loop as measured, by computed storeys beside measured table and floors"
     yield Quantity("exp_rths.measured_loop_rms_error_m_s2", ACCEL, "storey", LESS, about, (), BAND, scales_as=ACCEL)
+    for name, what in (
+        ("following", "the table not following the desired motion"),
+        ("computing", "the desired motion not being what the computed storeys do under ground and base shear"),
+    ):
+        path, about = f"exp_rths.{name}_rms_error_m_s2", f"part of the loop's RMS error by {what} (recorded run only)"
+        yield Quantity(path, ACCEL, "storey", LESS, about, (), BAND, scales_as=ACCEL)
     for name, text in (("median", "is as likely exceeded as not"), ("bound", "is not exceeded with 95 %")):
         about = f"true RMS error that {text}, by what the run measured and what sensors cannot show"
         yield Quantity(f"exp_rths.true_error_{name}_m_s2", ACCEL, "storey", LESS, about, (), BAND, scales_as=ACCEL)

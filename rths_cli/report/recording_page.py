@@ -21,6 +21,7 @@ from rths_cli.report.to_text import width, wrapped
 from rths_cli.safe_text import shortened
 
 MOVING = 0.5  # of its own rms: another channel that moves so much shows that a constant one is stuck
+ROLES = ("command", "table", "ground", "desired", "base_shear")  # beside floor_N and floor_N_displacement
 MOST_LINES, LEAST_ROOM = 20, 5  # of a page where the channels allow it; of its sentences
 
 
@@ -60,7 +61,7 @@ def judge(recording: Recording) -> JudgedRecording:
 
 
 def _is_role(role: str) -> bool:
-    return role in ("command", "table") or role.startswith("floor_")
+    return role in ROLES or role.startswith("floor_")
 
 
 def _channel(recording: Recording, index: int, role: str, stuck_s: float) -> JudgedChannel:
@@ -123,7 +124,7 @@ def _doubts(channels: Sequence[JudgedChannel], count: int) -> tuple[str, ...]:
 
 
 def channels_yaml(channels: Sequence[JudgedChannel]) -> str:
-    """Return the YAML that `rths identify --data FILE --channel channels.yaml` reads: role: [name, unit]."""
+    """Return the YAML that `rths identify` and `rths evaluate` read by --channel channels.yaml: role: [name, unit]."""
     entries = []
     for place, channel in enumerate(channels, 1):
         words = [channel.name, *([channel.unit] if channel.unit else [])]

@@ -94,6 +94,11 @@ class Shared:
     def setup(self, case: Case) -> Setup:
         """Return the case's setup, its model file read and its excitation planned; raises InputError."""
         setup = make_setup(case, self._overrides, self._values)
+        if case.recorded:
+            raise InputError(
+                f"{next(iter(case.recorded))}: is a recorded run, which no sweep can vary; judge each recording by "
+                "rths evaluate, rths report compares their results"
+            )
         if not setup.rig.can.counts_steps:
             raise InputError(
                 f"table: rig {setup.rig.name} is of kind {setup.rig.kind}, and a sweep moves no real table; "

@@ -15,7 +15,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import read_whole
 from rths_cli.files.foreign_texts import lost_scans
-from rths_cli.files.measured_data.channel_roles import Chosen, choose
+from rths_cli.files.measured_data.channel_roles import Chosen, RunChannels, choose, choose_of_run
 from rths_cli.files.measured_data.file_formats import READ, is_recorded, read_contents
 from rths_cli.files.measured_data.hdf5_files import write_recording
 from rths_cli.files.measured_data.recording import (
@@ -32,12 +32,13 @@ from rths_cli.files.measured_data.recording import (
     shifts,
 )
 from rths_cli.files.measured_data.time_bases import at_one_rate, with_own_clocks
-from rths_cli.files.measured_data.units import FACTORS, is_time, role_of, unit_of
+from rths_cli.files.measured_data.units import OF_A_RUN, is_time, role_of, unit_of
 from rths_cli.numerics.lti import Array
 from rths_cli.safe_text import LONGEST_NAME, shortened
 
 __all__ = [
-    "Chosen", "Recording", "choose", "is_recorded", "mend", "missing", "read_recording", "role_of", "write_recording",
+    "Chosen", "Recording", "RunChannels", "choose", "choose_of_run", "is_recorded", "mend", "missing", "read_recording",
+    "role_of", "write_recording",
 ]  # fmt: skip
 
 MAX_BYTES = 1_000_000_000
@@ -154,7 +155,7 @@ def _without_infinite(columns: tuple[Column, ...], samples: Array) -> tuple[Arra
 
 def _exact_unit(column: Column) -> tuple[str, str]:
     """Return a channel's unit as the project's own form states it; "" and a sentence for one that no channel has."""
-    if column.unit in ("", *FACTORS):
+    if column.unit in ("", *OF_A_RUN):
         return column.unit, ""
     return "", f"channel {column.name!r}: the unit {column.unit!r} is not known"
 

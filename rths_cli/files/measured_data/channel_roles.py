@@ -1,4 +1,4 @@
-"""Which channel of a recording is the command, the table and each floor, and in which unit."""
+"""Which channel of a recording is what, and in which unit: of what identifies a table, and of a run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.measured_data.recording import Recording, listed
-from rths_cli.files.measured_data.units import FACTORS, canonical_unit, role_of, split_name
+from rths_cli.files.measured_data.units import FACTORS, OF_A_RUN, canonical_unit, role_of, split_name
 from rths_cli.numerics.lti import Array
 
 LARGEST = 1e30  # of a sample, in whatever unit: its eighth power is a number, too
@@ -70,31 +70,89 @@ def _usable(samples: Array) -> Array:
     return np.where(np.abs(samples) <= LARGEST, samples, np.nan)
 
 
-def _channel(recording: Recording, role: str, name: str, unit: str) -> tuple[int, str]:
-    """Return a role's channel and its unit (a key of FACTORS)."""
+@dataclass(frozen=True)
+class RunChannels:
+    """What evaluation takes of the recording of a run, by role: `series` (n,) in the SI `units` V, m/s^2, N or m, NaN
+    where samples are missing; `names` as in the file."""
+
+    series: Mapping[str, Array]
+    units: Mapping[str, str]
+    names: Mapping[str, str]
+
+
+def choose_of_run(
+    recording: Recording,
+    wanted: Mapping[str, tuple[str, ...]],
+    needed: Sequence[str],
+    choices: Mapping[str, tuple[str, str]],
+) -> RunChannels:
+    """Return the channels of a run for those of the roles that the recording has.
+
+    `wanted`: the SI units in which each role may come; `needed`: roles without which there is no run. `choices` as for
+    `choose`; a minus before a unit turns the sign of the channel. A channel that has the name of a role it does not fit
+    is left out unless it is chosen. Raises InputError, one sentence per role, as `choose` does.
+    """
+    faults = [
+        f"{recording.path}: {role}: there is no such role; roles of this run are {', '.join(wanted)}"
+        for role in choices
+        if role not in wanted
+    ]
+    found: dict[str, tuple[int, str]] = {}
+    signs: dict[str, float] = {}
+    for role, units in wanted.items():
+        name, unit = choices.get(role, ("", ""))
+        signs[role] = -1.0 if unit.startswith("-") else 1.0
+        if not name and role not in needed and not _speaks_of(recording, role, units):
+            continue
+        try:
+            found[role] = _channel(recording, role, name, unit.removeprefix("-"), units)
+        except InputError as fault:
+            faults += fault.faults
+    faults += _shared(recording, found)
+    if faults:
+        raise InputError(*faults)
+    series = {
+        role: _usable(recording.samples[k]) * (signs[role] * OF_A_RUN[unit][0]) for role, (k, unit) in found.items()
+    }
+    of_each = {role: OF_A_RUN[unit][1] for role, (_, unit) in found.items()}
+    return RunChannels(series, of_each, {role: recording.names[k] for role, (k, _) in found.items()})
+
+
+def _speaks_of(recording: Recording, role: str, units: tuple[str, ...]) -> bool:
+    """Return whether a channel has the name of a role and no unit that does not fit it."""
+    named = [unit for name, unit in zip(recording.names, recording.units, strict=True) if role_of(name) == role]
+    return any(not unit or OF_A_RUN[unit][1] in units for unit in named)
+
+
+def _channel(
+    recording: Recording, role: str, name: str, unit: str, wanted: tuple[str, ...] = ("V", "m/s^2")
+) -> tuple[int, str]:
+    """Return a role's channel and its unit (a key of OF_A_RUN), whose SI unit is one of `wanted`."""
     index = _named(recording, role, name) if name else _matched(recording, role)
     channel, stated = recording.names[index], recording.units[index]
     where = f"{recording.path}: {role}: channel {channel!r}"
-    given = canonical_unit(unit)
-    if unit and not given:
+    given, fitting = canonical_unit(unit), [one for one in OF_A_RUN if OF_A_RUN[one][1] in wanted]
+    if unit and (not given or given not in fitting):
         raise InputError(
-            f"{where}: {unit!r} is not one of the units {', '.join(FACTORS)}; correct --channel {role}=..."
+            f"{where}: {unit!r} is not one of the units {', '.join(fitting)}; correct --channel {role}=..."
         )
-    if given and stated and FACTORS[given] != FACTORS[stated]:
+    if given and stated and OF_A_RUN[given] != OF_A_RUN[stated]:
         raise InputError(
             f"{where}: the file states the unit {stated}, --channel {given}; correct or remove one of them"
         )
     taken = given or stated
     if not taken:
-        example = "V" if role == "command" else "g"
+        example = fitting[0] if role == "command" else "g" if "g" in fitting else fitting[0]
         raise InputError(
             f"{where}: its unit is missing or unknown; give --channel '{role}={channel}:{example}' with one of "
-            f"{', '.join(FACTORS)}"
+            f"{', '.join(fitting)}"
         )
-    if role == "command" and FACTORS[taken][1] != "V":
+    if role == "command" and OF_A_RUN[taken][1] != "V":
         raise InputError(
             f"{where}: a command is in V or mV, not {taken}; give the drive voltage as --channel command=NAME:V"
         )
+    if taken not in fitting:
+        raise InputError(f"{where}: is in {taken}; {role} needs {', '.join(fitting)}; name another channel")
     return index, taken
 
 

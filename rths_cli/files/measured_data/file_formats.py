@@ -63,7 +63,7 @@ def read_contents(path: Path, data: bytes) -> Contents:
     for magic, what in _OTHERS.items():
         if data.startswith(magic):
             raise InputError(f"{path}: {what}")
-    if data.startswith(b"PK\x03\x04") and b"xl/" not in data and b".npy" in data:
+    if data.startswith(b"PK\x03\x04") and _first_member(data).endswith(b".npy"):
         return _guarded(path, "NumPy", data)
     if is_universal(data):
         return universal_contents(path, data)
@@ -76,6 +76,11 @@ def read_contents(path: Path, data: bytes) -> Contents:
     if is_matlab(data):
         return _guarded(path, "MATLAB", data)
     return text_contents(path, _decode(path, data))
+
+
+def _first_member(data: bytes) -> bytes:
+    """Return the name of the first file in a zip archive, whose samples may hold any bytes."""
+    return data[30 : 30 + int.from_bytes(data[26:28], "little")]
 
 
 def _zip_kind(data: bytes) -> str:

@@ -13,6 +13,12 @@ FACTORS: dict[str, tuple[float, str]] = {
     **{unit: (factor, "m/s^2") for unit, factor in OF_QUANTITY["acceleration"].items()},
 }
 """Units of a channel: the factor to V or m/s^2, and which of the two."""
+OF_A_RUN: dict[str, tuple[float, str]] = {
+    **FACTORS,
+    **{unit: (factor, "N") for unit, factor in OF_QUANTITY["force"].items()},
+    **{unit: (factor, "m") for unit, factor in OF_QUANTITY["displacement"].items()},
+}
+"""The same with the units of forces and displacements, which a run has beside what identifies a table."""
 
 _TIME_UNITS = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
@@ -23,9 +29,11 @@ _TEMPERATURES = ("degc", "deg c", "celsius", "c", "degf", "deg f", "fahrenheit",
 _PER_SECOND = ("hz", "s/s", "sa/s", "sps", "1/s", "samples/s", "samples/sec", "samples/second", "samples per second")
 _RATE_UNITS = {**dict.fromkeys(_PER_SECOND, 1.0), **dict.fromkeys(("khz", "ks/s", "ksa/s", "ksps", "1/ms"), 1e3)}
 _VOLT = {"v": "V", "volt": "V", "volts": "V", "mv": "mV", "millivolt": "mV", "millivolts": "mV"}
+_EXACT = {"N": "N", "kN": "kN", "m": "m", "mm": "mm", "newton": "N", "Newton": "N"}
 _PER_S2 = re.compile(r"(m|cm|mm|in|ft)[_ ·*.]?s(?:\^|\*\*)?(?:-?2|²|⁻²)", re.IGNORECASE)
 _BRACKETS = re.compile(r"\s*[(\[]([^()\[\]:]*)[)\]]\s*$")  # `data(:,1)` is a column of a matrix
 _SUFFIX = re.compile(r"[_\s]+((?:m|cm|mm|in|ft)[_/]?s\^?2|m?v|m?g|gal)$", re.IGNORECASE)
+_FORCE_SUFFIX = re.compile(r"(?<=shear|force)[_\s]+(k?n)$", re.IGNORECASE)
 _TIME_SUFFIX = re.compile(r"[_\s]+(s|sec|ms|us)$", re.IGNORECASE)
 _TIME_NAMES = {
     "time",
@@ -42,14 +50,17 @@ _TIME_NAMES = {
 }
 _FILLERS = {"accel", "acceleration", "accelerometer", "acc", "abs", "absolute", "measured", "signal"}
 _ALIASES = {"cmd": "command", "drive": "command", "u": "command", "base": "table", "shaketable": "table"}
+_ALIASES_OF_A_RUN = {"groundmotion": "ground", "baseshear": "base_shear", "tabledesired": "desired"}
 _PLACES = {*_ALIASES, *_ALIASES.values(), "floor", "storey", "story"}
 
 
 def canonical_unit(text: str) -> str:
-    """Return the one spelling of a unit (a key of FACTORS), "" where it is unknown or its case leaves a doubt."""
+    """Return the one spelling of a unit (a key of OF_A_RUN), "" where it is unknown or its case leaves a doubt."""
     word = text.strip().removeprefix("[").removeprefix("(").removesuffix("]").removesuffix(")").strip()
     if word in AMBIGUOUS:
         return ""
+    if word in _EXACT:
+        return _EXACT[word]
     match = _PER_S2.fullmatch(word)
     return _VOLT.get(word.lower()) or find_unit(f"{match[1]}/s2" if match else word) or ""
 
@@ -57,7 +68,10 @@ def canonical_unit(text: str) -> str:
 def split_name(name: str) -> tuple[str, str]:
     """Return a channel's name without its unit, and the unit's text: in brackets, after `_`, or "" if there is none."""
     match = _BRACKETS.search(name) or _SUFFIX.search(name)
-    return (name[: match.start()], match[1].strip()) if match and match.start() else (name, "")
+    if match and match.start():
+        return name[: match.start()], match[1].strip()
+    force = _FORCE_SUFFIX.search(name)
+    return (name[: force.start()], {"n": "N", "kn": "kN"}[force[1].lower()]) if force else (name, "")
 
 
 def unit_of(name: str, stated: str) -> tuple[str, str]:
@@ -117,7 +131,10 @@ def role_of(name: str) -> str:
     words = [word for word in _words(split_name(name)[0]) if word not in _FILLERS]
     plain = "".join(words)
     floor = re.fullmatch(r"(?:floor|storey|story)0*(\d+)", plain)
-    return f"floor_{floor[1]}" if floor else _ALIASES.get(plain, plain)
+    moved = re.fullmatch(r"floor0*(\d+)(?:displacement|disp)", plain)
+    if moved:
+        return f"floor_{moved[1]}_displacement"
+    return f"floor_{floor[1]}" if floor else (_ALIASES | _ALIASES_OF_A_RUN).get(plain, plain)
 
 
 def _words(name: str) -> list[str]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.files.hdf5_opening import RECORDED
 from rths_cli.loop.lost_samples import without_samples
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import METRICS
@@ -202,6 +203,8 @@ def timing(source: Source, width: str) -> Figure:
     runs = source.runs(TABLE_RUNS)
     if source.virtual:
         raise NotDrawn("a run on a virtual table has no real time to keep")
+    if source.result.attributes.get("rig_kind") == RECORDED:
+        raise NotDrawn("a recording does not hold the durations of the steps")
     times = {run: _times(source, run) for run in runs}
     stacked = width == "one"
     figure = new_figure(source, width, 20.0 + (2 if stacked else 1) * len(runs) * 42.0)

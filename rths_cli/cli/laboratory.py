@@ -115,6 +115,11 @@ def _ask(question: Question) -> str:
 @click.option("--channels", is_flag=True, help="Instead: zeros, noise and range of every channel of the rig, at rest.")
 @click.option("--move", is_flag=True, help="With --channels: compare channels that must agree in a slow, small motion.")
 @click.option("--push", is_flag=True, help="With --channels: tell the signs by a push, for which you are asked.")
+@click.option(
+    "--watchdog",
+    is_flag=True,
+    help="Instead: prove that the watchdog of a udp_plain rig acts; its table is moved a little, then nothing is sent.",
+)
 @quiet_option
 @yes_option
 @settings_option
@@ -127,6 +132,7 @@ def doctor(
     channels: bool,
     move: bool,
     push: bool,
+    watchdog: bool,
     quiet: bool,
     yes: bool,
     settings: tuple[str, ...],
@@ -149,8 +155,10 @@ def doctor(
         from rths_cli.experiment.unit_plausibility import OF_RIG
 
         # without a case the structure is a lent one
-        ask_to_move([setup], yes, screen.confirm, played=("",) if case else OF_RIG)
+        ask_to_move([setup], yes, screen.confirm, played=("",) if case else OF_RIG, proven=move)
 
+    if watchdog:
+        return _of_watchdog(request, channels or move or push, screen, permit, (as_json, quiet))
     if channels or move or push:
         return _of_channels(request, (channels, move, push), screen, permit, (as_json, quiet))
     found = examine_request(request, screen.doing, permit)
@@ -161,6 +169,27 @@ def doctor(
         click.echo(verdict(found))
     else:
         show_page(lambda: page(found))
+    return found.exit_code
+
+
+def _of_watchdog(
+    request: DoctorRequest, more: bool, screen: Screen, permit: Callable[[Setup], None], form: tuple[bool, bool]
+) -> int:
+    """Show what a target's watchdog did; return the exit code."""
+    from rths_cli.errors import InputError
+    from rths_cli.laboratory.doctor_request import watchdog_request
+    from rths_cli.report.doctor_page import watchdog_document, watchdog_page, watchdog_verdict
+
+    if more:
+        raise InputError("--watchdog is a trial of its own; leave --channels, --move and --push out")
+    found = watchdog_request(request, screen.doing, permit)
+    screen.clear()
+    if form[0]:
+        click.echo(json.dumps(watchdog_document(found), indent=2))
+    elif form[1]:
+        click.echo(watchdog_verdict(found))
+    else:
+        show_page(lambda: watchdog_page(found))
     return found.exit_code
 
 

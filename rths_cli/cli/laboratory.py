@@ -294,7 +294,25 @@ def _document(one: Recovered) -> dict[str, object]:
 @click.option("--structure", default="three_storey", show_default=True, help="Whose experimental storeys stand on it.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option(
-    "--port", type=click.IntRange(0, 65535), default=47800, show_default=True, help="Port to listen at; 0: a free one."
+    "--port",
+    type=click.IntRange(0, 65535),
+    metavar="PORT",
+    help="Port to listen at; 0: a free one [default: 47800, on a plain link 47810].",
+)
+@click.option(
+    "--link",
+    type=click.Choice(["keyed", "plain"]),
+    default="keyed",
+    show_default=True,
+    help="Packets with a key (rigs of kind udp), or frames without one for a private cable (udp_plain).",
+)
+@click.option(
+    "--clock",
+    type=click.Choice(["runner", "target"]),
+    help="On a plain link: who has the sample clock, as in the rig file [default: target].",
+)
+@click.option(
+    "--peer", metavar="ADDRESS:PORT", help="On a plain link: the runner's end of the cable [default: 127.0.0.1:47811]."
 )
 @click.option(
     "--key-file",
@@ -319,7 +337,10 @@ def serve(
     rig: str,
     structure: str,
     host: str,
-    port: int,
+    port: int | None,
+    link: str,
+    clock: str | None,
+    peer: str | None,
     key_file: Path | None,
     watchdog_s: float,
     seconds: float | None,
@@ -335,10 +356,18 @@ def serve(
     """
     from dataclasses import asdict
 
+    from rths_cli.errors import InputError
     from rths_cli.laboratory.serve import ServeRequest, serve
 
+    if link == "keyed" and (clock or peer):
+        raise InputError("--clock and --peer belong to --link plain; add it, or leave them out")
+    plain = (peer or "127.0.0.1:47811", clock != "runner") if link == "plain" else ("", False)
+    default_port = 47810 if link == "plain" else 47800
     screen = new_screen(False)
-    request = ServeRequest(rig, structure, host, port, key_file, watchdog_s, seconds, seed, settings)
+    request = ServeRequest(
+        rig, structure, host, default_port if port is None else port, key_file, watchdog_s, seconds, seed, settings,
+        *plain,
+    )  # fmt: skip
     ended = serve(request, screen.message if as_json else click.echo)
     if as_json:
         click.echo(json.dumps({"sessions": [asdict(one) for one in ended]}, indent=2))

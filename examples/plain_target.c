@@ -18,6 +18,7 @@
 #define WATCHDOG_S 0.15     /* watchdog_s of the rig file */
 #define RANGE_V 10.0        /* of the output; converters.range_v of the rig file is not larger */
 #define FASTEST_V_S 130.0   /* the output moves no faster */
+#define MADE_UP_S 0.01      /* longest pause whose movement one command may make up for */
 #define REST_V_S 10.0       /* of the way to rest: from the whole range it takes 1 s */
 
 enum { ASK, BEGIN, COMMAND, REST };
@@ -90,7 +91,7 @@ static void latch(struct target *t, double now_s)
 {
     if (t->waiting == 0 || t->state != RUNNING)
         return;
-    t->output_v += within(t->waiting_v - t->output_v, FASTEST_V_S * (now_s - t->moved_s));
+    t->output_v += within(t->waiting_v - t->output_v, FASTEST_V_S * within(now_s - t->moved_s, MADE_UP_S));
     t->acting = t->waiting;
     t->waiting = 0;
     t->moved_s = now_s;

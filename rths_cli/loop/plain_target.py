@@ -26,6 +26,7 @@ from rths_cli.loop.udp_target import (
     SEQUENCE,
     STATE,
     TICK,
+    TICKS_PER_INTERVAL,
     Door,
     Table,
     advance,
@@ -68,6 +69,7 @@ from rths_cli.rigs.udp.plain_frames import (
 
 _send = external("send", "intp", "intc", "uintp", "uintp", "intc")
 _AT_ONCE = 0x40  # MSG_DONTWAIT
+MADE_UP = 2  # longest pause, in sample intervals, whose movement one command may make up for
 
 # indices in Side.marks: 1 where this target has the clock; the newest session; numbers of the acting command and of one
 # that waits for its instant (0: none); number and time of the next instant of this target's clock
@@ -147,7 +149,8 @@ def latch(d: Door, p: Side, t: Table, now: int) -> None:
     if marks[WAITING] == 0 or s[STATE] != packets.ARMED:
         return
     held = t.latched_v[0]
-    most = t.limits.velocity_m_s / t.limits.gain_m_per_v * t.limits.dt_s * (s[TICK] - s[MOVED_TICK])
+    ticks = min(s[TICK] - s[MOVED_TICK], MADE_UP * TICKS_PER_INTERVAL)
+    most = t.limits.velocity_m_s / t.limits.gain_m_per_v * t.limits.dt_s * ticks
     t.way.volts[0], t.way.marks[POINTS] = held + within(p.waiting_v[0] - held, most), 0
     marks[ACTING], marks[WAITING] = marks[WAITING], 0
     obey(d, t, now)

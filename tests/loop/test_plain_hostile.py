@@ -146,7 +146,7 @@ def attack(cable: Cable, count: int, fastest_v_s: float) -> tuple[int, int]:
     while sent < count:
         frames: list[bytes] = []
         expected: list[Rules] = []
-        was_running = False
+        was_running = rules.running
         while len(frames) < CHUNK and (rules.running or not was_running):  # how soon a table rests, frames cannot tell
             again = bool(old) and random.random() < 0.15
             frame = old[int(random.integers(len(old)))] if again else hostile(random, rules)

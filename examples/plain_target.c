@@ -15,7 +15,9 @@
 #define CHANNELS 3
 #define COMMAND_BYTES 40
 #define SAMPLES_BYTES (COMMAND_BYTES + 8 * CHANNELS)
+#ifndef WATCHDOG_S
 #define WATCHDOG_S 0.15     /* watchdog_s of the rig file */
+#endif
 #define RANGE_V 10.0        /* of the output; converters.range_v of the rig file is not larger */
 #define FASTEST_V_S 130.0   /* the output moves no faster */
 #define MADE_UP_S 0.01      /* longest pause whose movement one command may make up for */

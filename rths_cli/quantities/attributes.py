@@ -16,6 +16,7 @@ STATUSES = ("complete", "aborted", "interrupted", "failed", "refused")
 """How a run can have ended."""
 REAL = "real rig only"
 LINKED = "UDP rig only"
+ECHOED = "plain link only"
 RECOVERED = "recovered run only"
 SCALED = "only where the case states a scale"
 FACTOR = (1e-15, 1e15)
@@ -160,6 +161,12 @@ OF_RUN = (
         "RUN_log_behind_s", "number", "how far the raw log was behind the loop at worst, in s", present=REAL
     ),
     AttributeDeclaration("RUN_link_peer", "text", "address of the target", present=LINKED),
+    AttributeDeclaration(
+        "RUN_link_latency_samples",
+        "number",
+        "intervals after which a command acted, the mean of what the target's frames echo",
+        present=ECHOED,
+    ),
     AttributeDeclaration("recovered_RUN", "text", "how much of this run its raw log held", present=RECOVERED),
 )
 """Of the root, for each run on the table."""

@@ -6,6 +6,7 @@ Everything is preallocated; the socket is connected, does not block, and belongs
 
 from __future__ import annotations
 
+import math
 import socket
 from typing import NamedTuple
 
@@ -85,6 +86,12 @@ def fresh_link(
         fresh_way(), np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64),
         np.zeros(4, np.int64), np.zeros(PLAIN_PLACES, np.int64), np.zeros(1),
     )  # fmt: skip
+
+
+def echoed_latency(link: Link) -> float:
+    """Return after how many intervals a command acted, the mean of a plain link's echoes; NaN where there are none."""
+    echoes = int(link.plain[ECHOES])
+    return int(link.plain[LATENCIES]) / echoes if echoes else math.nan
 
 
 @part

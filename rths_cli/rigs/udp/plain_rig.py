@@ -232,8 +232,7 @@ class PlainRig(UdpRig):
     @property
     def latency_samples(self) -> float:
         """Return after how many intervals a command acts, the mean of the session's echoes; NaN for none."""
-        echoes = int(self.link.plain[links.ECHOES])
-        return int(self.link.plain[links.LATENCIES]) / echoes if echoes else math.nan
+        return links.echoed_latency(self.link)
 
     def _check_latency(self) -> None:
         """Raise RigError if even the quickest commands act later than the rig file declares.

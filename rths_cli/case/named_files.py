@@ -26,6 +26,7 @@ TELLING = {
         "nominal",
         "after_identification",
         "udp",
+        "link",
         "ni",
         "calibration",
     ),

@@ -6,11 +6,19 @@ from collections.abc import Iterator
 
 from rths_cli.case.field_types import shown
 from rths_cli.case.rig_capabilities import capabilities_of
-from rths_cli.case.rig_schema import DEFAULT_ENERGY_RATIO, DEFAULT_LOST_SAMPLES, NiRigSpec, PluginRigSpec, UdpRigSpec
+from rths_cli.case.rig_schema import (
+    DEFAULT_ENERGY_RATIO,
+    DEFAULT_LOST_SAMPLES,
+    KINDS,
+    PluginRigSpec,
+    RealRigSpec,
+    RigSpec,
+)
 from rths_cli.case.yaml_reader import Fault, Node, join, plain
 
 REAL_DEFAULTS = {"lost_samples": float(DEFAULT_LOST_SAMPLES), "energy_ratio": DEFAULT_ENERGY_RATIO}
-KEYS = frozenset(key for model in (UdpRigSpec, NiRigSpec, PluginRigSpec) for key in model.model_fields)
+REAL: tuple[type[RigSpec], ...] = (PluginRigSpec, *KINDS.values())
+KEYS = frozenset(key for model in REAL if issubclass(model, RealRigSpec) for key in model.model_fields)
 STRICTER = "a case may only be stricter"
 
 

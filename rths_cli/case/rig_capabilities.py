@@ -15,7 +15,8 @@ class Capabilities:
     beside each other. `records_truth`: true motions stand beside the measured ones. `carries_declared_specimen`: the
     specimen on the table is the one the case declares. `bridges_lost_samples`: the loop goes on by its model where a
     sample is lost. `takes_trajectories`: a command comes with those that follow, for the case that they do not arrive.
-    `has_watchdog`: it leads its table to rest by itself when commands stop coming.
+    `has_watchdog`: it leads its table to rest by itself when commands stop coming. `has_unproven_watchdog`: nothing but
+    a trial shows that it does (`rths doctor --watchdog`).
     """
 
     moves_hardware: bool = True
@@ -25,6 +26,7 @@ class Capabilities:
     bridges_lost_samples: bool = False
     takes_trajectories: bool = False
     has_watchdog: bool = True
+    has_unproven_watchdog: bool = False
 
 
 DEFAULT_KIND = "virtual"  # of a rig file that states none
@@ -32,6 +34,7 @@ CAPABILITIES = {
     DEFAULT_KIND: Capabilities(False, True, True, True, True, False, has_watchdog=False),
     "ni": Capabilities(has_watchdog=False),
     "udp": Capabilities(bridges_lost_samples=True, takes_trajectories=True),
+    "udp_plain": Capabilities(bridges_lost_samples=True, has_unproven_watchdog=True),
 }
 """Capabilities by the kind that a rig file or a result states; every other kind has those of a plain driver."""
 

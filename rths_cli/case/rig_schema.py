@@ -227,7 +227,7 @@ class VirtualRigSpec(RigSpec):
     elsewhere: ClassVar[Mapping[str, str]] = {
         **RigSpec.elsewhere,
         **dict.fromkeys(
-            ("unattended", "watchdog_s", "overrun", "model", "udp", "ni", "options"),
+            ("unattended", "watchdog_s", "overrun", "model", "udp", "link", "clock", "ni", "options"),
             "belongs to a real rig; remove it, or state the rig's kind",
         ),
     }
@@ -373,6 +373,8 @@ class RealRigSpec(RigSpec):
         "physics": ONLY_VIRTUAL,
         "after_identification": ONLY_VIRTUAL,
         "udp": "belongs to kind: udp",
+        "link": "belongs to kind: udp_plain",
+        "clock": "belongs to kind: udp_plain",
         "ni": "belongs to kind: ni",
         "options": "belongs to the kind of a plug-in",
     }
@@ -460,6 +462,79 @@ class UdpRigSpec(RealRigSpec):
     watchdog_s: Watchdog = 0.1
 
 
+class PlainLinkSpec(Strict):
+    """Hold the two ends of a private cable, on which frames carry no key."""
+
+    kind: Literal["udp_plain"] = Field(default="udp_plain", description="frames of docs/reference/plain_link.md")
+    interface: str = Field(description="address of this machine at that cable, private or loopback")
+    own_port: Annotated[int, Range(ge=1, le=65535)] = Field(default=47811, description="port of this machine")
+    host: str = Field(description="address of the target, private or loopback")
+    port: Annotated[int, Range(ge=1, le=65535)] = Field(default=47810, description="port of the target")
+
+    @field_validator("interface", "host")
+    @classmethod
+    def _private(cls, address: str) -> str:
+        if fault := not_private(address):
+            raise refusal(fault)
+        return address
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        here, there = data.get("interface"), data.get("host")
+        if not all(isinstance(one, str) and not not_private(one) for one in (here, there)):
+            return
+        if is_loopback(str(here)) != is_loopback(str(there)):
+            yield ("host",), f"must be reached through interface {here}, got {there}: only one of them is loopback"
+        ports = [number(data, key) or cls.model_fields[key].default for key in ("own_port", "port")]
+        if here == there and ports[0] == ports[1]:
+            yield ("own_port",), f"must differ from port where both are on {here}, got {ports[0]:g} twice"
+
+
+PRIVATE = ("10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "169.254.0.0/16", "127.0.0.0/8")
+
+
+def not_private(address: str) -> str:
+    """Return why an address may not be an end of a plain link, empty when it may."""
+    anybody = "frames carry no key, so whoever reaches the address moves the table"
+    try:
+        found = ipaddress.IPv4Address(address)
+    except ValueError:
+        told = "one IPv4 address in numbers, such as 192.168.7.2"
+        return f"must be {told}, got {address[:40]!r}; the plain link has one peer and looks no names up"
+    if found.is_unspecified:
+        return f"must be one address of one interface, got {address}, which is every interface; {anybody}"
+    if not any(found in ipaddress.IPv4Network(network) for network in PRIVATE):
+        return f"must be private ({', '.join(PRIVATE)}), got {address}; {anybody}. Use kind: udp, which has a key"
+    return ""
+
+
+def is_loopback(address: str) -> bool:
+    """Tell whether an address in numbers is of this machine alone."""
+    return ipaddress.ip_address(address).is_loopback
+
+
+class UdpPlainRigSpec(RealRigSpec):
+    """Hold a rig whose target exchanges plain frames with the runner, over a private cable."""
+
+    elsewhere: ClassVar[Mapping[str, str]] = {
+        key: said for key, said in RealRigSpec.elsewhere.items() if key not in ("link", "clock")
+    }
+
+    kind: Literal["udp_plain"] = Field(description=KIND)
+    link: PlainLinkSpec = Field(description="the two ends of the cable")
+    clock: Literal["runner", "target"] = Field(
+        description="who has the sample clock; a target that has it sends its samples by itself"
+    )
+    watchdog_s: Watchdog = 0.1
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        yield from super().problems(data)
+        if data.get("unattended") is True:
+            said = "must not be true on a plain link, whose frames carry no key: somebody stands beside the table"
+            yield ("unattended",), f"{said}; remove it, or use kind: udp"
+
+
 class NiSpec(Strict):
     """Hold the terminals of an NI card with hardware-timed single point."""
 
@@ -513,7 +588,12 @@ class PluginRigSpec(RealRigSpec):
     watchdog_s: Watchdog = 0.1
 
 
-KINDS: dict[str, type[RigSpec]] = {"virtual": VirtualRigSpec, "udp": UdpRigSpec, "ni": NiRigSpec}
+KINDS: dict[str, type[RigSpec]] = {
+    "virtual": VirtualRigSpec,
+    "udp": UdpRigSpec,
+    "udp_plain": UdpPlainRigSpec,
+    "ni": NiRigSpec,
+}
 
 
 def read_rig(data: Any, handler: ValidatorFunctionWrapHandler) -> RigSpec:
@@ -521,6 +601,8 @@ def read_rig(data: Any, handler: ValidatorFunctionWrapHandler) -> RigSpec:
     if isinstance(data, RigSpec):
         return data
     kind = data.get("kind", DEFAULT_KIND) if isinstance(data, Mapping) else DEFAULT_KIND
+    if kind == "udp" and entry(data, "link", "kind") == "udp_plain":  # the longer way to say it
+        data, kind = {**data, "kind": "udp_plain"}, "udp_plain"
     fault = kind_fault(kind)
     if fault:
         detail = InitErrorDetails(type=refusal(fault), loc=("kind",), input=kind)
@@ -544,4 +626,4 @@ def kind_fault(kind: object) -> str:
     return ""
 
 
-AnyRig = Annotated[VirtualRigSpec | UdpRigSpec | NiRigSpec | PluginRigSpec, WrapValidator(read_rig)]
+AnyRig = Annotated[VirtualRigSpec | UdpRigSpec | UdpPlainRigSpec | NiRigSpec | PluginRigSpec, WrapValidator(read_rig)]

@@ -115,6 +115,11 @@ def _ask(question: Question) -> str:
 @click.option("--channels", is_flag=True, help="Instead: zeros, noise and range of every channel of the rig, at rest.")
 @click.option("--move", is_flag=True, help="With --channels: compare channels that must agree in a slow, small motion.")
 @click.option("--push", is_flag=True, help="With --channels: tell the signs by a push, for which you are asked.")
+@click.option(
+    "--watchdog",
+    is_flag=True,
+    help="Instead: prove that the watchdog of a udp_plain rig acts; its table is moved a little, then nothing is sent.",
+)
 @quiet_option
 @yes_option
 @settings_option
@@ -127,6 +132,7 @@ def doctor(
     channels: bool,
     move: bool,
     push: bool,
+    watchdog: bool,
     quiet: bool,
     yes: bool,
     settings: tuple[str, ...],
@@ -149,8 +155,10 @@ def doctor(
         from rths_cli.experiment.unit_plausibility import OF_RIG
 
         # without a case the structure is a lent one
-        ask_to_move([setup], yes, screen.confirm, played=("",) if case else OF_RIG)
+        ask_to_move([setup], yes, screen.confirm, played=("",) if case else OF_RIG, proven=move)
 
+    if watchdog:
+        return _of_watchdog(request, channels or move or push, screen, permit, (as_json, quiet))
     if channels or move or push:
         return _of_channels(request, (channels, move, push), screen, permit, (as_json, quiet))
     found = examine_request(request, screen.doing, permit)
@@ -161,6 +169,27 @@ def doctor(
         click.echo(verdict(found))
     else:
         show_page(lambda: page(found))
+    return found.exit_code
+
+
+def _of_watchdog(
+    request: DoctorRequest, more: bool, screen: Screen, permit: Callable[[Setup], None], form: tuple[bool, bool]
+) -> int:
+    """Show what a target's watchdog did; return the exit code."""
+    from rths_cli.errors import InputError
+    from rths_cli.laboratory.doctor_request import watchdog_request
+    from rths_cli.report.doctor_page import watchdog_document, watchdog_page, watchdog_verdict
+
+    if more:
+        raise InputError("--watchdog is a trial of its own; leave --channels, --move and --push out")
+    found = watchdog_request(request, screen.doing, permit)
+    screen.clear()
+    if form[0]:
+        click.echo(json.dumps(watchdog_document(found), indent=2))
+    elif form[1]:
+        click.echo(watchdog_verdict(found))
+    else:
+        show_page(lambda: watchdog_page(found))
     return found.exit_code
 
 
@@ -268,7 +297,25 @@ def _document(one: Recovered) -> dict[str, object]:
 @click.option("--structure", default="three_storey", show_default=True, help="Whose experimental storeys stand on it.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option(
-    "--port", type=click.IntRange(0, 65535), default=47800, show_default=True, help="Port to listen at; 0: a free one."
+    "--port",
+    type=click.IntRange(0, 65535),
+    metavar="PORT",
+    help="Port to listen at; 0: a free one [default: 47800, on a plain link 47810].",
+)
+@click.option(
+    "--link",
+    type=click.Choice(["keyed", "plain"]),
+    default="keyed",
+    show_default=True,
+    help="Packets with a key (rigs of kind udp), or frames without one for a private cable (udp_plain).",
+)
+@click.option(
+    "--clock",
+    type=click.Choice(["runner", "target"]),
+    help="On a plain link: who has the sample clock, as in the rig file [default: target].",
+)
+@click.option(
+    "--peer", metavar="ADDRESS:PORT", help="On a plain link: the runner's end of the cable [default: 127.0.0.1:47811]."
 )
 @click.option(
     "--key-file",
@@ -293,7 +340,10 @@ def serve(
     rig: str,
     structure: str,
     host: str,
-    port: int,
+    port: int | None,
+    link: str,
+    clock: str | None,
+    peer: str | None,
     key_file: Path | None,
     watchdog_s: float,
     seconds: float | None,
@@ -309,10 +359,18 @@ def serve(
     """
     from dataclasses import asdict
 
+    from rths_cli.errors import InputError
     from rths_cli.laboratory.serve import ServeRequest, serve
 
+    if link == "keyed" and (clock or peer):
+        raise InputError("--clock and --peer belong to --link plain; add it, or leave them out")
+    plain = (peer or "127.0.0.1:47811", clock != "runner") if link == "plain" else ("", False)
+    default_port = 47810 if link == "plain" else 47800
     screen = new_screen(False)
-    request = ServeRequest(rig, structure, host, port, key_file, watchdog_s, seconds, seed, settings)
+    request = ServeRequest(
+        rig, structure, host, default_port if port is None else port, key_file, watchdog_s, seconds, seed, settings,
+        *plain,
+    )  # fmt: skip
     ended = serve(request, screen.message if as_json else click.echo)
     if as_json:
         click.echo(json.dumps({"sessions": [asdict(one) for one in ended]}, indent=2))

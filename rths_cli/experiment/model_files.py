@@ -82,7 +82,7 @@ TIME = "%Y-%m-%dT%H:%M:%SZ"
 LEVELS = dict.fromkeys(("name", "warning_m_s2", "abort_m_s2", "sensitivity_uncertainty"), True)
 HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
     **dict.fromkeys(("limits", "name", "after_identification"), True),
-    **dict.fromkeys(("udp", "unattended", "watchdog_s", "overrun", "model"), True),
+    **dict.fromkeys(("udp", "link", "unattended", "watchdog_s", "overrun", "model"), True),
     "sensors": LEVELS,
     "channels": {"__all__": LEVELS},
     "imperfections": {"laboratory"},

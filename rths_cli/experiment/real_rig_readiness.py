@@ -23,14 +23,16 @@ from rths_cli.experiment.setup import Setup, placed
 from rths_cli.experiment.unit_plausibility import doubts
 from rths_cli.files.machine_rates import LATE_SHARE, P99_SHARE, delay_summary, held_rate
 from rths_cli.files.rig_lock import locked_rig
+from rths_cli.files.watchdog_proofs import content_sha256, kept_proof
 from rths_cli.loop.realtime_run import Performance, prepare, rehearse_watched
 from rths_cli.loop.scheduling import wake_share
 from rths_cli.quantities import Interval
-from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.description import RigInfo, capabilities_of
 from rths_cli.rigs.from_case import check_link, driver, virtual_driver
 from rths_cli.rigs.interface import as_commands, counts_time, linked, name_session
 
 if TYPE_CHECKING:
+    from rths_cli.case.case_schema import Case
     from rths_cli.control.designed_blocks import Blocks
     from rths_cli.loop.guard import GuardLimits
     from rths_cli.numerics.lti import Array
@@ -310,6 +312,7 @@ def ask_to_move(
     confirm: Callable[[Sequence[str]], bool],
     predicted: Predicted = _nothing_predicted,
     played: tuple[str, ...] = ("",),
+    proven: bool = True,
 ) -> None:
     """Ask a person to confirm that the real rigs of these cases may move; raises InputError if they may not.
 
@@ -318,11 +321,14 @@ def ask_to_move(
     `predicted` returns the metrics `check.*` of a case, {} without a check; the checklist states their peaks. `yes`
     confirms without a question, but only for rigs whose own file states `unattended: true`. Nobody is asked where the
     system has no real time, or where a number is doubted that the case does not call plausible: that one is refused.
+    So is, with `proven`, a rig whose watchdog only a trial can show, without that trial.
     """
     real = [setup for setup in setups if setup.rig.can.moves_hardware]
     if not real:
         return
     _refuse_doubts(real, played)
+    for setup in real if proven else ():
+        check_watchdog(setup.case)
     from rths_cli.numerics.clock import require_real_time
 
     require_real_time()
@@ -342,6 +348,28 @@ def ask_to_move(
     rigs = dict.fromkeys(_about(setup.rig) for setup in real)
     if not confirm(["This moves a table:", *motions, *rigs, *BEFORE_MOVING]):
         raise InputError("not confirmed; nothing was moved")
+
+
+def check_watchdog(case: Case) -> None:
+    """Raise InputError where only a trial can show a rig's watchdog, and none has for this content of its file."""
+    if not capabilities_of(case.table.kind).has_unproven_watchdog:
+        return
+    name = case.table.name.removesuffix(VARIED)
+    proof, again = kept_proof(name), f"run rths doctor with --rig {name} --watchdog"
+    if proof is None:
+        raise InputError(f"rig {name}: nothing shows that its target leads the table to rest by itself; {again}")
+    if proof.content_sha256 != content_sha256(rig_content(case)):
+        raise InputError(
+            f"rig {name}: its watchdog was proven on {proof.proven_utc} for another content of the rig file; {again}"
+        )
+
+
+def rig_content(case: Case) -> str:
+    """Return what a case's rig file states, without the model that belongs to it, as text."""
+    table = case.table
+    if case.rig_limits is not None:
+        table = table.model_copy(update={"limits": case.rig_limits})
+    return table.model_dump_json(exclude={"name", "model"})
 
 
 def _check_links(real: Sequence[Setup]) -> None:

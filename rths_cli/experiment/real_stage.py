@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.quantities.datasets import LINK_COUNTS
 from rths_cli.rigs.from_case import told_building
 from rths_cli.rigs.interface import linked, name_session
+from rths_cli.rigs.udp.link import echoed_latency
 
 if TYPE_CHECKING:
     from rths_cli.experiment.model_choice import Memory
@@ -88,10 +90,9 @@ class RealStage:
         ):
             self.told = told_building(rig, setup.building)
             performed = perform_watched(rig, ready, watch)
-            counts = link_counts(rig)
+            counts, of_link = link_counts(rig), _about_link(rig)
         writer.resume()
-        there = linked(rig)
-        told = _told(performed, ready, stream) | ({"link_peer": there.peer} if there is not None else {})
+        told = _told(performed, ready, stream) | of_link
         writer.about({f"{kind.name}_{key}": value for key, value in told.items()})
         if counts:
             writer.group(f"{kind.name}/timing", counts)
@@ -118,6 +119,15 @@ def link_counts(rig: Rig) -> dict[str, float]:
         return {}
     counts = there.counts
     return {f"link_{name}": float(counts[name]) for name in LINK_COUNTS if name in counts}
+
+
+def _about_link(rig: Rig) -> dict[str, str | int | float]:
+    """Return the attributes of a result that tell of an open link, without the run's prefix."""
+    there = linked(rig)
+    if there is None:
+        return {}
+    latency = echoed_latency(there.link)
+    return {"link_peer": there.peer} | ({"link_latency_samples": latency} if math.isfinite(latency) else {})
 
 
 def _with_fault(performed: Performed, stream: LogStream) -> Outcome:

@@ -15,6 +15,7 @@ from rths_cli.rigs.description import capabilities_of
 if TYPE_CHECKING:
     from rths_cli.experiment.setup import Setup
     from rths_cli.laboratory.doctor_rig import ChannelsExamined
+    from rths_cli.laboratory.watchdog_proof import WatchdogTrial
 
 DEFAULT_CASE = "el_centro_low_ff_fb"  # lends its structure where only a rig was named
 
@@ -72,6 +73,32 @@ def examine_request(
     return examine(others, wanted, request.seconds, say, case.table.name, delays, share)
 
 
+def watchdog_request(
+    request: DoctorRequest, say: Progress, permit: Callable[[Setup], None] = lambda _: None
+) -> WatchdogTrial:
+    """Prove the watchdog of the rig of a case, or of a rig with the structure of a shipped case; raises InputError or
+    RigError. `permit` as in `examine_request`."""
+    from rths_cli.laboratory.watchdog_proof import prove_watchdog
+
+    setup = _of_rig(request, "--watchdog", "the watchdog is proven")
+    permit(setup)
+    return prove_watchdog(setup, say)
+
+
+def _of_rig(request: DoctorRequest, option: str, done: str) -> Setup:
+    """Return the setup of the rig that an option needs; raises InputError without one, and where a rate is stated."""
+    from rths_cli.case.load import load_cases
+    from rths_cli.experiment.setup import make_setup
+
+    if request.case is None and request.rig is None:
+        raise InputError(f"{option}: name the rig by --rig FILE, or a case with one")
+    if request.rates_hz:
+        raise InputError(f"--rate: {done} at the rate of the case; leave it out")
+    table = (f"table={json.dumps(request.rig)}",) if request.rig else ()
+    typed = dict.fromkeys(table, f"--rig {request.rig}")
+    return make_setup(load_cases([request.case or DEFAULT_CASE], (*table, *request.settings), typed)[0])
+
+
 def channels_request(
     request: DoctorRequest,
     moves: bool,
@@ -81,17 +108,8 @@ def channels_request(
 ) -> ChannelsExamined:
     """Examine the channels of the rig of a case, or of a rig with the structure of a shipped case; raises InputError or
     RigError. `moves` and `push` as in `examine_channels`; `permit` as in `examine_request`."""
-    from rths_cli.case.load import load_cases
-    from rths_cli.experiment.setup import make_setup
     from rths_cli.laboratory.doctor_rig import examine_channels
 
-    if request.case is None and request.rig is None:
-        raise InputError("--channels: name the rig by --rig FILE, or a case with one")
-    if request.rates_hz:
-        raise InputError("--rate: the channels are examined at the rate of the case; leave it out")
-    table = (f"table={json.dumps(request.rig)}",) if request.rig else ()
-    typed = dict.fromkeys(table, f"--rig {request.rig}")
-    case = load_cases([request.case or DEFAULT_CASE], (*table, *request.settings), typed)[0]
-    setup = make_setup(case)
+    setup = _of_rig(request, "--channels", "the channels are examined")
     permit(setup)
     return examine_channels(setup, request.seconds, moves, push, say)

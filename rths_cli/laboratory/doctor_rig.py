@@ -58,7 +58,9 @@ def exchange_delays(case: Case) -> ExchangeDelays:
             try:
                 rig.arm()
                 there = linked(rig)
-                return udp_delays(there, steps) if there is not None else paced_delays(rig, steps)
+                if there is None or there.link.plain[links.OF_TARGET] == 1:
+                    return paced_delays(rig, steps)
+                return udp_delays(there, steps)
             finally:
                 rig.rest()
                 rig.close()

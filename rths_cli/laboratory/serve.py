@@ -1,4 +1,4 @@
-"""The work of `rths serve`: run a virtual table as a UDP target, session by session, and report each session's end."""
+"""The work of `rths serve`: run a virtual table as a keyed or plain UDP target; report the end of each session."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.case.rig_schema import is_loopback, not_private
 from rths_cli.errors import InputError
 from rths_cli.experiment.real_rig_readiness import EXP_RTHS, guard_limits, open_virtual
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.loop import udp_target
+from rths_cli.loop import plain_target, udp_target
 from rths_cli.loop.guard import fresh_guard
 from rths_cli.loop.scheduling import NEXT_TO_LAST, at_leisure, real_time
 from rths_cli.loop.udp_target import TICKS_PER_INTERVAL, Table
@@ -77,6 +78,8 @@ class ServeRequest:
     seconds: float | None  # duration; None: until a signal arrives
     seed: int  # of the sensors' noise
     settings: tuple[str, ...]  # KEY=VALUE each
+    plain_peer: str = ""  # ADDRESS:PORT of the runner at the other end of a plain link; "": the keyed link
+    of_target: bool = False  # on a plain link, this target has the clock
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,8 @@ def serve(request: ServeRequest, say: Say) -> list[SessionEnded]:
     """
     require_real_time()
     rig = describe(request.rig, request.structure, request.settings, request.seed)
+    if request.plain_peer:
+        return _serve_plain(request, rig, say)
     path, secret = _secret(request.key_file)
     with bound(request.host, request.port) as link:
         server = Server(link, secret, rig, round(1e9 * request.watchdog_s), say)
@@ -111,10 +116,38 @@ def serve(request: ServeRequest, say: Say) -> list[SessionEnded]:
         say(f"export {KEY_FILE_VARIABLE}={shlex.quote(str(path))}")
         if not ipaddress.ip_address(link.getsockname()[0]).is_loopback:
             say("warning: reachable from other machines; packets are authenticated with the key file, not encrypted")
-        try:
-            server.run_for(request.seconds)
-        finally:
-            say("ended; the table was led to rest" if server.at_rest else f"ended; {NOT_AT_REST}")
+        _run(server, request.seconds, say)
+    return server.ended
+
+
+def _run(server: Server, seconds: float | None, say: Say) -> None:
+    try:
+        server.run_for(seconds)
+    finally:
+        say("ended; the table was led to rest" if server.at_rest else f"ended; {NOT_AT_REST}")
+
+
+def _serve_plain(request: ServeRequest, rig: ServedRig, say: Say) -> list[SessionEnded]:
+    """Serve at one end of a private cable; raises InputError for addresses that may not be one."""
+    host, _, port = request.plain_peer.rpartition(":")
+    ends = (("--host", request.host, "0"), ("--peer", host, port))
+    faults = [f"{option}: {fault}" for option, address, _ in ends if (fault := not_private(address))]
+    if not faults and is_loopback(host) != is_loopback(request.host):
+        faults.append(f"--peer: must be reached from --host {request.host}, got {host}: only one of them is loopback")
+    if not port.isdecimal() or not 1 <= int(port) <= 65535:
+        faults.append(f"--peer: must be ADDRESS:PORT, got {request.plain_peer!r}; give own_port of the rig file")
+    if request.key_file is not None:
+        faults.append("--key-file: frames of the plain link carry no key; leave it out")
+    if faults:
+        raise InputError(*faults)
+    with bound(request.host, request.port) as link:
+        link.connect((host, int(port)))
+        server = PlainServer(link, request.of_target, rig, round(1e9 * request.watchdog_s), say)
+        server.start()
+        clock = f"its own clock at {1.0 / rig.usual_dt_s:g} Hz" if request.of_target else "the runner's clock"
+        say(f"{rig.title} at {shown(link.getsockname())} for {request.plain_peer} alone, on {clock}; end with Ctrl-C")
+        say("warning: frames carry no key; whoever can send on this cable moves the table")
+        _run(server, request.seconds, say)
     return server.ended
 
 
@@ -133,7 +166,19 @@ class Server:
         nobody = as_words(secrets.token_bytes(16))  # there is no session yet
         self._table = make_table(rig, self._terms.interval_ns)
         self._door = udp_target.open_door(link, greeter, nobody, self._terms.interval_ns, watchdog_ns, self._orders)
-        udp_target.serve_packets.bind(self._door, self._table)  # compiled before anyone waits for an answer
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Compile what serves before anyone waits for an answer."""
+        udp_target.serve_packets.bind(self._door, self._table)
+
+    def _event(self) -> int:
+        """Serve until an event occurs; return it."""
+        return int(udp_target.serve_packets(self._door, self._table))
+
+    def _ended(self, number: int, ended: SessionEnded) -> str:
+        """Return what is printed of a session."""
+        return sentence(number, ended)
 
     def start(self) -> None:
         """Start to serve; return when the server thread has its real-time properties."""
@@ -193,7 +238,7 @@ class Server:
 
     def _serve_on(self) -> int:
         """Serve until an event occurs, and report the end of a session."""
-        event = int(udp_target.serve_packets(self._door, self._table))
+        event = self._event()
         self._tell_end()
         return event
 
@@ -209,8 +254,33 @@ class Server:
         """Store and report, once, the end of a session whose table was armed."""
         if self._door.counts[udp_target.OBEYED] and not self._told:
             self.ended.append(summary(self._door, self._peer, self._terms))
-            self._say(sentence(len(self.ended), self.ended[-1]))
+            self._say(self._ended(len(self.ended), self.ended[-1]))
             self._told = True
+
+
+class PlainServer(Server):
+    """Serves the sessions of a rig at the end of a plain link, over a connected socket."""
+
+    def __init__(self, link: socket.socket, of_target: bool, rig: ServedRig, watchdog_ns: int, say: Say) -> None:
+        self._side = plain_target.open_side(of_target)
+        super().__init__(link, as_words(bytes(16)), rig, watchdog_ns, say)  # the key is never used
+
+    def _prepare(self) -> None:
+        plain_target.serve_frames.bind(self._door, self._side, self._table)
+
+    def _event(self) -> int:
+        return int(plain_target.serve_frames(self._door, self._side, self._table))
+
+    def _begin(self) -> None:
+        """Begin the session whose BEGIN was received, with a table at rest."""
+        self._table = make_table(self._rig, self._terms.interval_ns)
+        self._door = udp_target.begin_session(self._door, self._terms.interval_ns, self._terms.watchdog_ns)
+        self._peer, self._told = shown(self._link.getpeername()), False
+
+    def _ended(self, number: int, ended: SessionEnded) -> str:
+        """Return the sentence in the words of frames: none of them is forged or a HELLO."""
+        told = sentence(number, ended)
+        return told.replace("forged", "of another session").replace("HELLO", "questions")
 
 
 def summary(door: udp_target.Door, peer: str, terms: Terms) -> SessionEnded:

@@ -54,6 +54,7 @@ from rths_cli.rigs.udp.late_command_trajectory import Way, place_after
 IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of docs/decisions/safety.md; 0 idle, 1 armed
 HOLD, SKIP, STOP = range(3)  # after an overrun: the record waits, steps are caught up, the test stops
 POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
+SLOWLY = 64  # part of an interval by which a late frame moves the deadlines of a target's clock
 ANSWER_SHARE = 0.7  # longest time of an answer over the interval; step and guard need the rest
 
 # indices in Course.marks: start of the clock, overrun intervals, consecutive lost samples, consecutive overruns,
@@ -256,13 +257,16 @@ def run_udp(
 ) -> int:
     """Play a complete run in real time; return the number of steps. `sends` False: a rehearsal, nothing is sent.
 
-    The link holds the samples of step 0. The course's clock, which sets the deadlines, starts now.
+    The link holds the samples of step 0. The course's clock, which sets the deadlines, starts now; where the target
+    has the clock, with its step 0. A command then leaves as soon as it is computed, before the target's next instant.
     """
     link, course, s, limits, g, drive, log = borrowed((link, course, s, limits, g, drive, log))
     marks, behind, waited, k = course.marks, 0, 0, 0
-    marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
+    paced = sends and link.plain[udp.OF_TARGET] == 1  # its frames set the deadlines
+    begun = link.status[udp.RECEIVED_NS] if paced else monotonic_ns(course.scratch)
+    marks[START_NS] = begun + course.dt_ns
     command = 0.0
-    due, punctual = 0, int(PUNCTUAL * course.dt_ns)
+    due, punctual = 0, course.dt_ns // 2 if link.plain[udp.PLAIN] == 1 else int(PUNCTUAL * course.dt_ns)
     while k < log.columns.shape[1] and not is_over(course, g):
         lost = 0
         if behind > 0:
@@ -271,7 +275,7 @@ def run_udp(
         elif k > 0:
             due = k - 1
             deadline = deadline_of(course, due)
-            late = sleep_until(deadline, course.spin_ns, course.scratch)
+            late = 0 if paced else sleep_until(deadline, course.spin_ns, course.scratch)
             note_exchange(log, k, late, 0)
             missed = too_late_for(course, due, punctual if course.policy == SKIP else course.dt_ns)
             behind = overrun(course, g, missed) if missed > 0 else 0
@@ -281,6 +285,8 @@ def run_udp(
             command = leave(course, s, limits, log, link.way, command, k)
             if sends:
                 lost = swap(link, course, g, log, deadline + late, late, command, k)
+            if paced and lost == 0:
+                follow(course, link.status[udp.RECEIVED_NS] - deadline)
         log.done[0] = k  # from here on the commands sent for all earlier steps are known
         command = conduct(course, s, limits, g, drive, log, link.samples_v, lost, k)
         k += 1
@@ -293,6 +299,15 @@ def run_udp(
             look_ahead(course, s, limits, g, drive, log, k)
     log.done[0] = k
     return k
+
+
+@part
+def follow(course: Course, after_ns: int) -> None:
+    """Move the deadlines towards a target's clock, whose frame came so long after its deadline.
+
+    No frame comes too early, so an early one counts at once, and a late one, which the machine may have held, slowly.
+    """
+    course.marks[START_NS] += min(after_ns, course.dt_ns // SLOWLY)
 
 
 @part

@@ -427,6 +427,20 @@ def pause(d: Door, now: int) -> int:
 
 
 @part
+def ended(d: Door, t: Table, before: int) -> int:
+    """Obey an order to end; return ORDERED or ENDED for a table that came to rest since the state `before`, else 0."""
+    s = d.session
+    if d.orders[0] != 0:
+        lead_to_rest(d, t, 0)
+        if s[STATE] == packets.RESTED:
+            return ORDERED
+    if s[STATE] == packets.RESTED and (before != packets.RESTED or s[CLOSING] == 1):
+        s[CLOSING] *= 2  # reported once
+        return ENDED
+    return 0
+
+
+@part
 def look(d: Door, t: Table) -> int:
     """Serve a waiting packet, or wait for one; return an event of `serve_packets`, or 0 to continue."""
     s = d.session
@@ -438,13 +452,9 @@ def look(d: Door, t: Table) -> int:
     advance(d, t, now)  # the only call: the plant is a large piece of code
     if size >= 0 and attend(d, t, size, now) == BEGUN:
         return BEGUN
-    if d.orders[0] != 0:
-        lead_to_rest(d, t, 0)
-        if s[STATE] == packets.RESTED:
-            return ORDERED
-    if s[STATE] == packets.RESTED and (before != packets.RESTED or s[CLOSING] == 1):
-        s[CLOSING] *= 2  # reported once
-        return ENDED
+    event = ended(d, t, before)
+    if event != 0:
+        return event
     sleep_ns = pause(d, now) if size < 0 else 0
     if sleep_ns > 0:
         wait(d.fd, sleep_ns, d.scratch)

@@ -16,6 +16,7 @@ STATUSES = ("complete", "aborted", "interrupted", "failed", "refused")
 """How a run can have ended."""
 REAL = "real rig only"
 LINKED = "UDP rig only"
+ECHOED = "plain link only"
 RECOVERED = "recovered run only"
 ELSEWHERE = "run made elsewhere only"
 SCALED = "only where the case states a scale"
@@ -166,6 +167,12 @@ OF_RUN = (
     AttributeDeclaration("RUN_recording", "text", "file of the recording and its SHA-256", present=ELSEWHERE),
     AttributeDeclaration(
         "RUN_recorded_channels", "text", "role and channel of the recording, one a line", present=ELSEWHERE
+    ),
+    AttributeDeclaration(
+        "RUN_link_latency_samples",
+        "number",
+        "intervals after which a command acted, the mean of what the target's frames echo",
+        present=ECHOED,
     ),
     AttributeDeclaration("recovered_RUN", "text", "how much of this run its raw log held", present=RECOVERED),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from rths_cli.files.machine_rates import RateMeasured
     from rths_cli.laboratory.doctor import Examined, Machine
     from rths_cli.laboratory.doctor_rig import ChannelsExamined
+    from rths_cli.laboratory.watchdog_proof import WatchdogTrial
     from rths_cli.loop.scheduling import Granted
 
 HEADINGS = ("rate, Hz", "p50", "p99", "p99.9", "max", "late", "missed", "held")
@@ -117,6 +119,33 @@ def channels_document(found: ChannelsExamined) -> dict[str, Any]:
     compared = [{**asdict(one), "agrees": one.agrees, "told": one.told} for one in found.comparisons]
     ends = {"verdict": channels_verdict(found), "exit_code": found.exit_code}
     return {**asdict(found), "comparisons": compared, **ends}
+
+
+def watchdog_verdict(found: WatchdogTrial) -> str:
+    """Return in one sentence whether a target's watchdog is proven."""
+    if found.faults:
+        return f"NOT PROVEN: the watchdog of {found.rig}: {found.faults[0]}"
+    return f"PROVEN: the watchdog of {found.rig} leads its table to rest; kept for this rig file"
+
+
+def watchdog_page(found: WatchdogTrial) -> str:
+    """Return the result of `rths doctor --watchdog` as text: verdict and faults, then what the target's frames told."""
+    times = ((found.left_s, "obeyed no longer"), (found.rested_s, "at rest, output 0"))
+    told = [
+        labelled("moved", f"to an output of {found.moved_v:.4g} V, then silent; watchdog_s is {found.watchdog_s:g}"),
+        *(labelled(what, DASH if s is None else f"{s:.3g} s after the last command") for s, what in times),
+        labelled("latency", f"{found.latency_samples:.3g} intervals, as the frames echo it"),
+        *([labelled("proven", found.proof.proven_utc)] if found.proof else []),
+    ]
+    faults = labelled_lines("faults", found.faults[1:]) if len(found.faults) > 1 else []
+    return text([[verdict_line(watchdog_verdict(found)), *faults], told])
+
+
+def watchdog_document(found: WatchdogTrial) -> dict[str, Any]:
+    """Return the result of `rths doctor --watchdog` as a document for JSON."""
+    latency = found.latency_samples if math.isfinite(found.latency_samples) else None
+    ends = {"verdict": watchdog_verdict(found), "exit_code": found.exit_code}
+    return {**asdict(found), "latency_samples": latency, **ends}
 
 
 def table(rates: Sequence[RateMeasured]) -> Table:

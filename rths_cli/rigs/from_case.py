@@ -18,8 +18,10 @@ from rths_cli.case.rig_schema import (
     PluginRigSpec,
     RealRigSpec,
     SensorsSpec,
+    UdpPlainRigSpec,
     UdpRigSpec,
     VirtualRigSpec,
+    is_loopback,
 )
 from rths_cli.errors import InputError, RigError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from rths_cli.numerics.lti import Array
     from rths_cli.rigs.interface import Rig
     from rths_cli.rigs.ni.ni_rig import NiRig
+    from rths_cli.rigs.udp.plain_rig import PlainRig
     from rths_cli.rigs.udp.udp_rig import UdpRig
     from rths_cli.rigs.virtual.laboratory import Laboratory
     from rths_cli.rigs.virtual.virtual_rig import VirtualRig
@@ -260,13 +263,15 @@ def _or_none(limit: float | None) -> float:
 
 def _watchdog_s(real: RealRigSpec | None) -> float:
     """Return after which silence the rig rests its table by itself, 0 for a card without watchdog."""
-    if isinstance(real, UdpRigSpec | PluginRigSpec):
+    if isinstance(real, UdpRigSpec | UdpPlainRigSpec | PluginRigSpec):
         return real.watchdog_s
     return RigInfo.watchdog_s if real is None else 0.0
 
 
 def _driver_verified(real: RealRigSpec | None) -> str:
     """Return what the address of a target lets expect behind its driver; other drivers know once they are open."""
+    if isinstance(real, UdpPlainRigSpec):
+        return "loopback" if is_loopback(real.link.host) else "hardware"
     if not isinstance(real, UdpRigSpec):
         return ""
     return "loopback" if real.udp.is_loopback else "hardware"
@@ -287,6 +292,8 @@ def driver(
         return virtual_driver(case, info, building, seed, changed, session)
     if isinstance(table, UdpRigSpec):
         return _udp(info, table)
+    if isinstance(table, UdpPlainRigSpec):
+        return _udp_plain(info, table)
     if isinstance(table, NiRigSpec):
         return _ni(info, table)
     if isinstance(table, PluginRigSpec):
@@ -434,6 +441,15 @@ def _udp(rig: RigInfo, table: UdpRigSpec) -> UdpRig:
         there.host, there.port, there.key_file, there.timeout_s, table.watchdog_s, rig.limits.lost_samples
     )  # fmt: skip
     return UdpRig(rig, target)
+
+
+def _udp_plain(rig: RigInfo, table: UdpPlainRigSpec) -> PlainRig:
+    """Return the rig at the end of a private cable that a rig file describes."""
+    from rths_cli.rigs.udp.plain_rig import Cable, PlainRig
+
+    there = table.link
+    cable = Cable(there.interface, there.own_port, there.host, there.port, table.clock == "target")
+    return PlainRig(rig, cable, table.watchdog_s)
 
 
 def _ni(rig: RigInfo, table: NiRigSpec) -> NiRig:

@@ -19,7 +19,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.laboratory.serve import describe, make_table
-from rths_cli.loop import realtime_loop, realtime_run, simulated_time_run, udp_target
+from rths_cli.loop import plain_target, realtime_loop, realtime_run, simulated_time_run, udp_target
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.fallback_commands import foresight_of
 from rths_cli.loop.identified_rig_run import Disturbed, perfect_table, play_identified
@@ -88,6 +88,7 @@ def compile_the_exchange() -> None:
         table = make_table(describe("aps400_virtual", "three_storey", ("sample_rate_hz=200",), 0), 5_000_000)
         door = udp_target.open_door(nowhere, greeter, key, 5_000_000, 300_000_000, number)
         udp_target.serve_packets.bind(door, table)
+        plain_target.serve_frames.bind(door, plain_target.open_side(True), table)
 
 
 def compile_the_analysis() -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bench import rig_info, specimen
+from plain_peer import OwnTarget
 from slow_table import slow_table
 from udp_peer import PlainTarget
 
@@ -120,7 +121,26 @@ def udp_kind(tmp_path: Path) -> Iterator[Kind]:
         target.kill()
 
 
-@pytest.fixture(params=["virtual", "laboratory", "plugin", "ni", "udp"])
+@pytest.fixture
+def plain_kind() -> Iterator[Kind]:
+    """Return the rig behind plain frames, its target in plain Python in front of the virtual table."""
+    targets: list[OwnTarget] = []
+
+    def make(latency_samples: int = 1, seed: tuple[int, ...] = (0, 1)) -> Rig:
+        table = virtual(latency_samples - 1, seed)  # the first sample of latency is that of the wire
+
+        def samples(command_v: float | None) -> list[float]:
+            return (table.arm() if command_v is None else table.exchange(command_v)).tolist()
+
+        targets.append(OwnTarget(samples, 3, range_v=11.0, watchdog_s=5.0))
+        return targets[-1].rig(of_kind("udp_plain", latency_samples))
+
+    yield Kind(make, (1, 2, 4))
+    for target in targets:
+        target.kill()
+
+
+@pytest.fixture(params=["virtual", "laboratory", "plugin", "ni", "udp", "plain"])
 def kind(request: pytest.FixtureRequest) -> Kind:
     """Return each kind of rig; a further one adds its name here and a fixture above."""
     found: Kind = request.getfixturevalue(f"{request.param}_kind")
@@ -156,7 +176,12 @@ def test_the_seed_decides_the_bytes(kind: Kind) -> None:
 def test_a_rig_says_what_is_behind_its_driver(kind: Kind) -> None:
     rig = kind.make()
     rig.open()
-    assert rig.info.driver_verified == {"slow_table": "fake", "ni": "fake", "udp": "loopback"}.get(rig.info.kind, "")
+    assert rig.info.driver_verified == {
+        "slow_table": "fake",
+        "ni": "fake",
+        "udp": "loopback",
+        "udp_plain": "loopback",
+    }.get(rig.info.kind, "")
     rig.close()
 
 

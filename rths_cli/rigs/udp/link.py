@@ -1,11 +1,12 @@
 """The runner's exchange with a target, in compiled code: send a command, accept only its answer, until a deadline
-(docs/reference/udp.md).
+(docs/reference/udp.md). On a plain link (docs/reference/plain_link.md) frames take the place of sealed packets.
 
 Everything is preallocated; the socket is connected, does not block, and belongs to one thread. Linux only.
 """
 
 from __future__ import annotations
 
+import math
 import socket
 from typing import NamedTuple
 
@@ -14,12 +15,13 @@ import numpy as np
 from rths_cli.numerics.clock import IntArray, monotonic_ns, sleep_until
 from rths_cli.numerics.compiled import borrowed, entry, external, kept_part, part
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.udp import packets
+from rths_cli.rigs.udp import packets, plain_frames
 from rths_cli.rigs.udp.late_command_trajectory import POINTS, Way, fresh_way, put_way, words_of
 from rths_cli.rigs.udp.packets import Bytes, Words
 
 OK, LOST, FAULT = range(3)  # what `exchange` returns
 NO_TIMEOUT_NS = 1 << 62
+MOST_AHEAD = 1_000_000  # numbers by which the frame of a target with its own clock may be ahead of the command
 SPIN_NS = 50_000  # time in which the thread polls for an answer before it sleeps; waking up takes about as long
 
 # indices in Link.counts: commands sent; answers received, missing, missing in a row; packets that were late, repeated
@@ -31,6 +33,12 @@ COUNTS = ("sent", "answered", "lost", "lost_in_a_row", "late", "doubled", "bad",
 # lost commands in the newest answer; times at which the last packet was sent and its answer came (own clock), and at
 # which the target sampled and sent (its clock)
 BASE, LAST, SEEN, STATE, FAULTS, TARGET_LOST, SENT_NS, RECEIVED_NS, SAMPLED_NS, ANSWERED_NS = range(10)
+
+# indices in Link.plain: 1 on a plain link (docs/reference/plain_link.md), 0 on a keyed one; 1 where the target has the
+# clock; number of the session; how many answers echoed a command, and the least and the sum of intervals
+# between it and the answer
+PLAIN, OF_TARGET, SESSION, ECHOES, LEAST_LATENCY, LATENCIES = range(6)
+PLAIN_PLACES = 6
 
 _send = external("send", "intp", "intc", "uintp", "uintp", "intc")
 _recv = external("recv", "intp", "intc", "uintp", "uintp", "intc")
@@ -56,6 +64,8 @@ class Link(NamedTuple):
     status: IntArray
     counts: IntArray
     scratch: IntArray  # (4,) times, and the argument of ppoll
+    plain: IntArray  # (PLAIN_PLACES,)
+    acted_v: Array  # (1,) on a plain link, the command that acted when the newest samples were taken
 
 
 def begin_session(link: Link, key: Words, arming: bytes) -> None:
@@ -74,8 +84,14 @@ def fresh_link(
         np.zeros(packets.MOST_BYTES, np.uint8), np.zeros(packets.MOST_BYTES, np.uint8),
         np.zeros(8 * packets.ARM_WORDS, np.uint8),
         fresh_way(), np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64),
-        np.zeros(4, np.int64),
+        np.zeros(4, np.int64), np.zeros(PLAIN_PLACES, np.int64), np.zeros(1),
     )  # fmt: skip
+
+
+def echoed_latency(link: Link) -> float:
+    """Return after how many intervals a command acted, the mean of a plain link's echoes; NaN where there are none."""
+    echoes = int(link.plain[ECHOES])
+    return int(link.plain[LATENCIES]) / echoes if echoes else math.nan
 
 
 @part
@@ -92,6 +108,30 @@ def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
 
     If the network reports an error of an earlier packet, the first call of send fails; the second one then sends.
     """
+    if link.plain[PLAIN] == 1:
+        now, size = write_plain(link, kind, sequence, command_v)
+    else:
+        now, size = write_keyed(link, kind, sequence, command_v)
+    link.status[SENT_NS], link.status[LAST] = now, sequence
+    link.counts[SENT] += 1
+    for _ in range(2):
+        if _send(link.fd, link.outgoing.ctypes.data, size, _AT_ONCE) == size:
+            return now
+    link.counts[UNSENT] += 1
+    return now
+
+
+@part
+def write_plain(link: Link, kind: int, sequence: int, command_v: float) -> tuple[int, int]:
+    """Write a frame of the plain link; return the time that it states in ns, and its size in bytes."""
+    order, seen = plain_frames.COMMAND if kind == packets.COMMAND else plain_frames.REST, max(link.status[SEEN], 0)
+    now = monotonic_ns(link.scratch)
+    return now, plain_frames.put_command(link.outgoing, link.plain[SESSION], sequence, seen, order, now, command_v)
+
+
+@part
+def write_keyed(link: Link, kind: int, sequence: int, command_v: float) -> tuple[int, int]:
+    """Write and seal a packet; return the time that it states in ns, and its size in bytes."""
     words = words_of(link.way) if kind == packets.COMMAND else packets.ARM_WORDS if kind == packets.ARM else 0
     packets.begin(link.outgoing, kind, words, sequence)
     if kind == packets.COMMAND:
@@ -102,14 +142,7 @@ def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
             link.outgoing[packets.WORDS + i] = link.arming[i]
     now = monotonic_ns(link.scratch)
     packets.put_int(link.outgoing, packets.SENT_NS, now)
-    size = packets.seal(link.outgoing, link.key)
-    link.status[SENT_NS], link.status[LAST] = now, sequence
-    link.counts[SENT] += 1
-    for _ in range(2):
-        if _send(link.fd, link.outgoing.ctypes.data, size, _AT_ONCE) == size:
-            return now
-    link.counts[UNSENT] += 1
-    return now
+    return now, packets.seal(link.outgoing, link.key)
 
 
 @part
@@ -139,6 +172,8 @@ def is_answer(link: Link, size: int, sequence: int, now: int) -> bool:
     The target's state is taken from every answer that is newer than the ones before, the samples only from the answer
     to `sequence`.
     """
+    if link.plain[PLAIN] == 1:
+        return is_plain_answer(link, size, sequence, now)
     packet, counts = link.incoming, link.counts
     if not packets.is_genuine(packet, size, link.key):
         counts[BAD] += 1
@@ -159,6 +194,56 @@ def is_answer(link: Link, size: int, sequence: int, now: int) -> bool:
     for c in range(link.samples_v.size):
         link.samples_v[c] = packets.get_real(packet, packets.WORDS + 8 * c)
     return True
+
+
+@part
+def is_plain_answer(link: Link, size: int, sequence: int, now: int) -> bool:
+    """Do what `is_answer` does, for a frame of the plain link.
+
+    A target that has the clock may be ahead: such a frame tells its state, and that of its instant is lost.
+    """
+    frame, counts, plain = link.incoming, link.counts, link.plain
+    if not plain_frames.is_of_target(frame, size, link.samples_v.size):
+        counts[BAD] += 1
+        return False
+    number, echo = plain_frames.get_small(frame, plain_frames.NUMBER), plain_frames.get_small(frame, plain_frames.ECHO)
+    ahead = number - sequence
+    strange = plain_frames.get_small(frame, plain_frames.SESSION) != plain[SESSION] or echo > number
+    if strange or ahead > plain[OF_TARGET] * MOST_AHEAD:
+        counts[STRAY] += 1
+        return False
+    if number <= link.status[SEEN]:
+        counts[DOUBLED] += 1
+        return False
+    link.status[SEEN] = number
+    take_plain_status(link, now)
+    if ahead != 0:
+        counts[LATE if ahead < 0 else STRAY] += 1
+        return False
+    for c in range(link.samples_v.size):
+        link.samples_v[c] = plain_frames.get_real(frame, plain_frames.SAMPLES_V + 8 * c)
+    if echo > 0 and link.status[STATE] == plain_frames.RUNNING:
+        note_latency(plain, number - echo)
+    return True
+
+
+@part
+def note_latency(plain: IntArray, intervals: int) -> None:
+    """Note how many intervals before its answer the command left that acted."""
+    plain[LEAST_LATENCY] = intervals if plain[ECHOES] == 0 else min(plain[LEAST_LATENCY], intervals)
+    plain[LATENCIES] += intervals
+    plain[ECHOES] += 1
+
+
+@part
+def take_plain_status(link: Link, now: int) -> None:
+    """Store state, faults, times and acting command of a frame."""
+    frame, status = link.incoming, link.status
+    status[STATE] = plain_frames.get_small(frame, plain_frames.STATE)
+    status[FAULTS] = plain_frames.get_small(frame, plain_frames.FAULTS)
+    status[RECEIVED_NS] = now
+    status[SAMPLED_NS] = status[ANSWERED_NS] = plain_frames.time_ns_of(frame)
+    link.acted_v[0] = plain_frames.get_real(frame, plain_frames.COMMAND_V)
 
 
 @part

@@ -158,7 +158,7 @@ def _censored(x: Array, held: Array, mean: float, spread: float) -> tuple[float,
     found = minimize(lambda p: _negative(x, held, p[0], np.exp(p[1])), [mean, np.log(spread)], method="Nelder-Mead",
                      options={"xatol": 1e-9, "fatol": 1e-11, "maxiter": 2000})  # fmt: skip
     bias = np.sqrt(x.size / (x.size - 1.0))  # as without censored ones
-    return float(found.x[0]), bias * float(np.exp(found.x[1]))
+    return float(found.x[0]), float(bias * np.exp(found.x[1]))
 
 
 def _negative(x: Array, held: Array, mean: float, spread: float) -> float:

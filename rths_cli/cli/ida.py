@@ -111,7 +111,7 @@ def ida(
     """
     from rths_cli.studies.engines import Engine
     from rths_cli.studies.ida import AskedIda, plan_ida
-    from rths_cli.studies.ida import hunt as hunting
+    from rths_cli.studies.ida_curves import hunt as hunting
     from rths_cli.studies.study_plan import Asked
     from rths_cli.studies.sweep import SweepRequest, run_sweep
     from rths_cli.studies.sweep_runs import Shared

@@ -14,8 +14,7 @@ from rths_cli.files.sweep_file import Sweep
 from rths_cli.report.document import Block, Column, Document, Line, Row, Table, verdict_line
 from rths_cli.report.numbers import json_value, three
 from rths_cli.report.sweep_page import label, not_run
-from rths_cli.studies.ida import FRACTILES, SIM, About, Curves, Outcome, about_of, curves_of, outcome_of
-from rths_cli.studies.sweep_table import RUN
+from rths_cli.studies.ida_curves import FRACTILES, RUN, SIM, About, Curves, Outcome, about_of, curves_of, outcome_of
 
 NAMES = {RUN: "EXP-RTHS", SIM: "SIM"}
 MEASURES = {"sa_t1": "Sa", "pga": "PGA", "arias": "Arias intensity"}

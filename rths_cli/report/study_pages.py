@@ -8,7 +8,7 @@ from typing import Any
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.report import ida_page, sweep_page
 from rths_cli.report.document import Document
-from rths_cli.studies.ida import about_of
+from rths_cli.studies.ida_curves import about_of
 
 
 def is_ida(sweep: Sweep) -> bool:

@@ -122,7 +122,9 @@ def _swept(
         take_rows(begun, rows)
         played = rows.left
         _tell(points, begun, rows, len(variants), watcher)
+        before = len(variants) - played
         sweep, written = _play(points, shared, begun, rows, variants, request, watcher)
+        played = len(sweep.seed) - before
         if written != path:
             watcher.message(taken_sentence(path, written))
         replaces, path = begun.replaces is not None and written == path, written

@@ -28,7 +28,7 @@ from rths_cli.report.figures.study_figures import has_boundary, parallel, sobol,
 from rths_cli.report.figures.style import DPI, FORMS, METADATA, WIDTHS_MM, in_house_style
 from rths_cli.report.result_scale import in_model_scale
 from rths_cli.report.sweep_page import indexed_keys
-from rths_cli.studies.ida import ABOUT
+from rths_cli.studies.ida_curves import ABOUT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -109,6 +109,7 @@ def ida(
 
     Example: rths ida el_centro_low_ff_fb --records el_centro,hachinohe --limit drift_m=0.002 --on sim
     """
+    from rths_cli.files.existing_files import Kind, check_existing
     from rths_cli.studies.engines import Engine
     from rths_cli.studies.ida import AskedIda, plan_ida
     from rths_cli.studies.ida_curves import hunt as hunting
@@ -136,6 +137,10 @@ def ida(
             planned=planned,
             choose=hunting if hunt else None,
         )
+        if figures is not None:
+            stem = output.stem if output is not None else planned.name
+            drawn = [(figures / f"{stem}-{name}.svg", Kind.DOCUMENT) for name in ("ida", "fragility")]
+            check_existing(drawn, not no_replace)
         swept = run_sweep(request, screen)
         if figures is not None:
             from rths_cli.report.figures import write_sweep_figures

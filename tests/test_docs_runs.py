@@ -80,6 +80,7 @@ def test_the_pages_that_are_run_as_written_are_these() -> None:
             "calibrate",
             "channels",
             "ci",
+            "fragility",
             "hardware",
             "read_the_pages",
             "reading_results",

@@ -86,6 +86,8 @@ def is_record(path: Path) -> bool:
     except OSError:
         return False
     lines = [line for line in head.decode("latin-1").splitlines() if line.strip()]
+    if len(head) == RECORD_BYTES:
+        lines = lines[:-1]  # which may be cut in the middle of a number
     return len(lines) >= RECORD_LINES and all(NUMBER.match(line) for line in lines[-RECORD_LINES:])
 
 

@@ -58,9 +58,12 @@ class RangeAxis(Strict):
 
 
 class FolderAxis(Strict):
-    """Hold the records of a folder, in the order of their names."""
+    """Hold a set of records: those of a folder, in the order of their names, or of a list."""
 
-    folder: str = Field(min_length=1, description="every record in it is a value; of `record` alone")
+    folder: str = Field(
+        min_length=1,
+        description="every record in it is a value, or that each line of this text file names; of `record` alone",
+    )
 
 
 class NormalAxis(Strict):

@@ -12,6 +12,7 @@ import click
 from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import (
     FILE,
+    F,
     command_line,
     force_option,
     json_option,
@@ -30,12 +31,34 @@ def threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _jobs(jobs: int | None, engine: str) -> int:
+def jobs_of(jobs: int | None, engine: str) -> int:
     """Return how many runs are played at a time; raises InputError where the engine decides itself."""
     if jobs is not None and engine in ("inline", "dask"):
         why = "plays one run at a time" if engine == "inline" else "plays as many runs as its workers have threads"
         raise InputError(f"--jobs {jobs}: --engine {engine} {why}; drop --jobs")
     return 1 if engine == "inline" else jobs or threads()
+
+
+def engine_options(command: F) -> F:
+    """Add --jobs, --engine and --scheduler."""
+    for option in (
+        click.option(
+            "--scheduler", metavar="ADDRESS", default="", help="Of --engine dask: tcp://HOST:8786, or a scheduler file."
+        ),
+        click.option(
+            "--engine",
+            type=click.Choice(["inline", "threads", "processes", "dask"]),
+            default="threads",
+            show_default=True,
+            help="What plays the runs: this process one at a time, its threads, processes of this machine, or Dask's "
+            "workers.",
+        ),
+        click.option(
+            "--jobs", type=click.IntRange(min=1, max=1024), help="Runs at a time [default: the number of cores]."
+        ),
+    ):
+        command = option(command)
+    return command
 
 
 class Part(click.ParamType):
@@ -63,17 +86,7 @@ class Part(click.ParamType):
     "combinations are run.",
 )
 @click.option("--seeds", metavar="N|A:B", help="Seeds 0 to N-1, or A to B, of every combination [default: the case's].")
-@click.option("--jobs", type=click.IntRange(min=1, max=1024), help="Runs at a time [default: the number of cores].")
-@click.option(
-    "--engine",
-    type=click.Choice(["inline", "threads", "processes", "dask"]),
-    default="threads",
-    show_default=True,
-    help="What plays the runs: this process one at a time, its threads, processes of this machine, or Dask's workers.",
-)
-@click.option(
-    "--scheduler", metavar="ADDRESS", default="", help="Of --engine dask: tcp://HOST:8786, or a scheduler file."
-)
+@engine_options
 @click.option("--part", type=Part(), help="Play part K of N alone, and write its file; rths merge joins all parts.")
 @click.option("--output", type=FILE, metavar="FILE", help="Result file [default: sweeps/NAME.h5].")
 @click.option("--csv", type=FILE, metavar="FILE", help="Write the table as CSV too.")
@@ -128,7 +141,7 @@ def sweep(
         asked=Asked(case, (*settings, *one), (*varied, *vary), seeds),
         output=output,
         csv=csv,
-        engine=Engine(engine, _jobs(jobs, engine), scheduler),
+        engine=Engine(engine, jobs_of(jobs, engine), scheduler),
         replace=not no_replace,
         resume=resume,
         command_line=command_line(),

@@ -31,8 +31,30 @@ STAGE_S = 1.0  # shortest time between them, where a stage begins
 BEAT_S = 0.5  # between two looks at the status
 
 COLOURS = {
-    "green": ("GOOD", "good", "safe", "accepted", "yes", "HELD", "AS DECLARED", "COMPLETE", "CALIBRATED", "readable"),
-    "yellow": ("USABLE", "usable", "unsafe", "NOT ACCEPTED", "BUT", "NOT COMPLETE", "NOTHING MEASURED", "doubtful"),
+    "green": (
+        "GOOD",
+        "good",
+        "safe",
+        "accepted",
+        "yes",
+        "HELD",
+        "AS DECLARED",
+        "COMPLETE",
+        "CALIBRATED",
+        "readable",
+        "FRAGILITY",
+    ),
+    "yellow": (
+        "USABLE",
+        "usable",
+        "unsafe",
+        "NOT ACCEPTED",
+        "BUT",
+        "NOT COMPLETE",
+        "NOTHING MEASURED",
+        "doubtful",
+        "NO FRAGILITY",
+    ),
     "red": (
         "POOR",
         "poor",

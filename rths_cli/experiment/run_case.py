@@ -488,7 +488,7 @@ def _simulations(
     if "sim" in case.runs:
         result_contents.write_response(writer, "sim", setup, sim)
         values["sim.solution_error"] = sim.error_estimate
-        values |= _of_building("sim", setup.building, sim)
+        values |= response_metrics("sim", setup.building, sim)
     if "sim_delay" in case.runs:
         progress(f"SIM-DELAY, {1e3 * case.delay_s:g} ms")
         delayed, found = shared.get(
@@ -542,7 +542,7 @@ def _of_sim(setup: Setup) -> tuple[object, ...]:
     return motion_key(setup.case), building_key(setup.case)
 
 
-def _of_building(run: str, building: Building, found: Response) -> dict[str, ArrayLike]:
+def response_metrics(run: str, building: Building, found: Response) -> dict[str, ArrayLike]:
     """Return the metrics of a computed response."""
     values = run_metrics.of_building(run, building, found.rel_disp_m, found.abs_accel_m_s2)
     if found.laws is not None:
@@ -560,7 +560,7 @@ def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, 
     band_hz = setup.case.test_band_hz
     values = dict(run_metrics.errors("sim_delay", None, storeys, dt, lowest_hz, test_band_hz=band_hz))
     values |= run_metrics.relative_errors("sim_delay", values, sim.abs_accel_m_s2, dt, lowest_hz, band_hz)
-    values |= _of_building("sim_delay", building, delayed)
+    values |= response_metrics("sim_delay", building, delayed)
     values["sim_delay.high_pass_hz"] = lowest_hz
     values["sim_delay.solution_error"] = delayed.error_estimate
     critical = critical_delay_range(building).smallest.delay_s

@@ -43,6 +43,12 @@ OF_SWEEP = (
     AttributeDeclaration("values_folder", "text", "folder at which relative paths in the varied values start"),
     AttributeDeclaration("plan_sha256", "text", "SHA-256 of what was to be run"),
     AttributeDeclaration("software_sha256", "text", "SHA-256 of the software that ran it"),
+    AttributeDeclaration(
+        "ida",
+        "text",
+        "measure, limits and runs of an incremental dynamic analysis, as JSON",
+        present="of rths ida alone",
+    ),
     AttributeDeclaration("part", "text", "which part of the sweep, K/N", present="in a part of a sweep alone"),
 )
 """Attributes that a sweep has beside those of a result."""

@@ -24,8 +24,7 @@ from rths_cli.report.group_comparison import (
 )
 from rths_cli.report.input_files import Inputs, Unread, doubled, other_units
 from rths_cli.report.result_tables import document, listed
-from rths_cli.report.sweep_page import sections
-from rths_cli.report.sweep_page import verdict as sweep_verdict
+from rths_cli.report.study_pages import sections, verdict
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,7 @@ def page_sections(found: Contents, full: bool, paper: bool) -> Document:
 
 def verdicts(found: Contents) -> list[str]:
     """Return a line for each result and each sweep."""
-    swept = (sweep_verdict(sweep, path) for path, sweep in found.inputs.sweeps)
+    swept = (verdict(sweep, path) for path, sweep in found.inputs.sweeps)
     return [*map(one_line, found.inputs.results), *swept]
 
 

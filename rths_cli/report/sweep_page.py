@@ -356,7 +356,7 @@ def verdict_lines(sweep: Sweep, path: Path) -> list[Block]:
     """Return the verdict, of a part its number, what was not run, the runs with the smallest and largest error."""
     of_part = [] if sweep.numbers is None else [_of_part(sweep)]
     extremes = _extremes(sweep) if sweep.numbers is None else []
-    return [verdict_line(verdict(sweep, path)), *map(Line, (*of_part, *_not_run(sweep), *extremes))]
+    return [verdict_line(verdict(sweep, path)), *map(Line, (*of_part, *not_run(sweep), *extremes))]
 
 
 def grid_points(sweep: Sweep) -> list[Block]:
@@ -476,7 +476,7 @@ def _extremes(sweep: Sweep) -> list[str]:
     return lines
 
 
-def _not_run(sweep: Sweep) -> list[str]:
+def not_run(sweep: Sweep) -> list[str]:
     """Return the lines on runs that are not complete and accepted: number, status and most frequent reasons."""
     ends = Counter(zip(sweep.texts["status"], sweep.texts["reason"], strict=True))
     told = [(status, reason, count) for (status, reason), count in ends.most_common() if reason]

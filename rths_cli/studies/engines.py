@@ -81,6 +81,7 @@ class Work:
     storeys: int
     software_sha256: str
     version: str
+    sim_alone: bool = False
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ def play_chunk(work: Work, chunk: Chunk) -> list[Row]:
 
 def _begun(work: Work) -> Shared:
     keep_freed_memory()
-    return Shared(work.overrides, lambda _: None)
+    return Shared(work.overrides, lambda _: None, work.metrics, work.sim_alone)
 
 
 def _rows(shared: Shared, work: Work, point: PointRows) -> Iterator[Row]:

@@ -55,9 +55,10 @@ class Points:
         return _point_case(self.asked, self.planned, point)
 
 
-def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
-    """Read and check every point of the plan; raises InputError with every fault and the point it is at."""
-    planned = read_plan(asked)
+def check_points(asked: Asked, shared: Shared, progress: Progress, planned: Planned | None = None) -> Points:
+    """Read and check every point of the plan, that of what is asked unless it is given; raises InputError with every
+    fault and the point it is at."""
+    planned = planned or read_plan(asked)
     plan, has_laws, has_truth = planned.plan, False, False
     kept_columns(planned.metrics, planned.study)  # an unknown metric is told before the points are read
     stages = _Stages()
@@ -93,6 +94,8 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
             "state table.imperfections.laboratory for seeds in one laboratory, or vary that key"
         )
     digest.update(repr((plan.digest(), [column.path for column in columns], first.overrides)).encode())
+    if planned.about:
+        digest.update(repr(sorted(planned.about.items())).encode())
     base, told = _base(asked, planned, shared, first), tuple(_doubt(each, plan) for each in doubts.values())
     return Points(asked, planned, base, plan, columns, stages.order(), storeys, digest.hexdigest(), told)
 

@@ -17,7 +17,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,6 @@ import numpy as np
 
 from rths_cli.case.case_schema import SEED_MAX
 from rths_cli.case.load import WrittenCase, load_study, read_case, study_file, written_case
-from rths_cli.case.named_files import is_record, suffixes
 from rths_cli.case.study_schema import (
     MOST_RUNS,
     ConstraintSpec,
@@ -47,6 +46,7 @@ from rths_cli.case.yaml_reader import Source, dump, parse, plain, printable
 from rths_cli.errors import InputError
 from rths_cli.safe_text import LONGEST_NAME, shortened
 from rths_cli.studies.plan import Axis, Block, Plan, checked_plan
+from rths_cli.studies.record_sets import KEYS, is_set, records_of
 from rths_cli.studies.sensitivity import index_samples
 
 if TYPE_CHECKING:
@@ -174,6 +174,12 @@ def _axis(text: str, faults: list[str]) -> Axis | None:
     if not fault:
         span = RANGE.fullmatch(listed)
         values, fault = _range(span) if span else _listed(listed, label)
+    if not fault and key in KEYS and len(values) == 1 and isinstance(values[0], str) and is_set(Path(values[0])):
+        try:
+            values = records_of(values[0], Path.cwd())
+        except InputError as error:
+            faults += [f"{label}: {each}" for each in error.faults]
+            return None
     if fault:
         faults.append(f"{label}: {fault}")
         return None
@@ -256,6 +262,8 @@ class Planned:
     samples: SamplesSpec | None = None
     study: Path | None = None
     name: str = ""
+    about: Mapping[str, str] = field(default_factory=dict)  # attributes of its file, of an incremental dynamic analysis
+    sim_alone: bool = False  # whether SIM alone is computed, beside the check of the test
 
 
 def read_plan(asked: Asked) -> Planned:
@@ -327,13 +335,7 @@ def _values(axis: Strict, folder: Path) -> tuple[Any, ...]:
             return (axis.start, *map(math.exp, ends[1:-1]), axis.stop)
         return spaced(axis.start, axis.stop, axis.count, axis.start.is_integer() and axis.stop.is_integer())
     assert isinstance(axis, FolderAxis)
-    place = folder / os.path.expanduser(axis.folder)
-    if not place.is_dir():
-        raise InputError(f"no such folder: {place}; check the path")
-    names = sorted(path.name for path in place.iterdir() if path.suffix in suffixes("records") and is_record(path))
-    if not names:
-        raise InputError(f"{place} holds no record; put records into it, or name another folder")
-    return tuple(os.path.join(axis.folder, name) for name in names)
+    return records_of(axis.folder, folder)
 
 
 def _sampled_axes(study: StudyKeys, places: dict[str, str], folder: Path, faults: list[str]) -> list[Block]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ from rths_cli.studies.engines import (
     workers_of,
 )
 from rths_cli.studies.grid_points import Points, check_points
-from rths_cli.studies.study_plan import Asked, seeds_text
+from rths_cli.studies.study_plan import Asked, Planned, read_plan, seeds_text
 from rths_cli.studies.sweep_output import Begun, as_line, as_sweep, begin, several_processors, take_rows
 from rths_cli.studies.sweep_runs import Shared, not_ready, play_variant
 from rths_cli.studies.sweep_table import Row, Table, columns
@@ -49,6 +49,10 @@ if TYPE_CHECKING:
 
 LONGEST_CHUNK = 16  # runs that another process plays at a time, fewer where there are few
 CHUNKS_PER_WORKER = 4  # at least, where there are runs enough
+
+
+Choose = Callable[[Points, Table], NDArray[np.int64]]
+"""Which runs to play next, () when all that is wanted is there."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,8 @@ class SweepRequest:
     overrides: tuple[str, ...] = ()
     part: tuple[int, int] | None = None
     force: bool = False  # whether a finished sweep of another plan may be replaced
+    planned: Planned | None = None  # the rows, where they are not those that `asked` states
+    choose: Choose | None = None  # which rows are played next, in view of those that are there; None: all at once
 
 
 @dataclass(frozen=True)
@@ -82,8 +88,9 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     """Play what is not played yet and write the table; raises InputError with all faults before the first run."""
     check_engine(request.engine)
     keep_freed_memory()
-    shared = Shared(request.overrides, watcher.doing)
-    points = check_points(request.asked, shared, watcher.doing)
+    planned = request.planned or read_plan(request.asked)
+    shared = Shared(request.overrides, watcher.doing, planned.metrics or (), planned.sim_alone)
+    points = check_points(request.asked, shared, watcher.doing, planned)
     path = request.output or Path("sweeps") / f"{points.planned.name or points.base.case.name}{_suffix(request.part)}"
     variants = _variants(points, request.part)
     about = _attributes(points, request.command_line)
@@ -115,7 +122,9 @@ def _swept(
         take_rows(begun, rows)
         played = rows.left
         _tell(points, begun, rows, len(variants), watcher)
+        before = len(variants) - played
         sweep, written = _play(points, shared, begun, rows, variants, request, watcher)
+        played = len(sweep.seed) - before
         if written != path:
             watcher.message(taken_sentence(path, written))
         replaces, path = begun.replaces is not None and written == path, written
@@ -157,6 +166,7 @@ def _attributes(points: Points, command_line: str) -> dict[str, str | int | floa
         "settings_folder": str(Path.cwd()),
         "values_folder": str(plan.folder or Path.cwd()),
     }
+    origin |= planned.about
     return about | identity | origin | {"seeds": seeds_text(plan.seeds), "grid_points": plan.points}
 
 
@@ -171,7 +181,7 @@ def _play(
     done = before
     with RowsFile(rows_path(begun.path), begun.attributes, begun.resumed) as file:
         try:
-            with closing(_rows(points, shared, request, rows, watcher)) as found:
+            with closing(_wanted_rows(points, shared, request, rows, watcher)) as found:
                 for row in found:
                     file.append(as_line(row))
                     rows.add(row)
@@ -184,10 +194,21 @@ def _play(
                 file.remove()
                 watcher.message(f"none of {count} runs had ended, nothing is kept; the same command begins anew")
             raise
+        if request.choose is not None:
+            points, begun, rows = _of_played(points, begun, rows)
         sweep = as_sweep(points, begun, rows, None if request.part is None else variants)
         written = write_sweep(begun.path, sweep, begun.replaces)
         file.remove()
     return sweep, written
+
+
+def _of_played(points: Points, begun: Begun, rows: Table) -> tuple[Points, Begun, Table]:
+    """Return the points that were played alone, with their table."""
+    plan = points.plan
+    numbers = np.arange(plan.points) if plan.kept is None else plan.kept
+    plan = replace(plan, kept=numbers[np.unique(rows.played // len(plan.seeds))])
+    begun = replace(begun, attributes=begun.attributes | {"grid_points": plan.points})
+    return replace(points, plan=plan), begun, rows.of_played()
 
 
 def _tell(points: Points, begun: Begun, rows: Table, count: int, watcher: Watcher) -> None:
@@ -204,6 +225,18 @@ def _tell(points: Points, begun: Begun, rows: Table, count: int, watcher: Watche
 
 def _progress(done: int, count: int, each_s: float) -> str:
     return f"{done} of {count} runs, about {each_s * (count - done):.0f} s left"
+
+
+def _wanted_rows(
+    points: Points, shared: Shared, request: SweepRequest, rows: Table, watcher: Watcher
+) -> Generator[Row, None, None]:
+    """Yield the rows that are left, or those that are chosen, round after round."""
+    if request.choose is None:
+        yield from _rows(points, shared, request, rows, watcher)
+        return
+    while (wanted := request.choose(points, rows)).size:
+        rows.want(wanted)
+        yield from _rows(points, shared, request, rows, watcher)
 
 
 def _rows(
@@ -277,6 +310,7 @@ def _work(points: Points, overrides: tuple[str, ...]) -> Work:
         points.storeys,
         software(),
         __version__,
+        points.planned.sim_alone,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -27,7 +27,15 @@ from rths_cli.experiment.one_table_run import (
     true_accelerations,
 )
 from rths_cli.experiment.provenance import model_sha256
-from rths_cli.experiment.run_case import acceptance, change_of_residual_drift, sim_of, truth_of, why_none, why_unsafe
+from rths_cli.experiment.run_case import (
+    acceptance,
+    change_of_residual_drift,
+    response_metrics,
+    sim_of,
+    truth_of,
+    why_none,
+    why_unsafe,
+)
 from rths_cli.experiment.session import session_key, wants_session_record
 from rths_cli.experiment.setup import building_key, make_setup, motion_key
 from rths_cli.findings import sentences
@@ -35,7 +43,7 @@ from rths_cli.loop.run_log import Log, Sizes, empty_log
 from rths_cli.numerics.compiled import processor
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.rigs.from_case import laboratory_number
-from rths_cli.studies.sweep_table import RUN, Column, Row, columns, flat, width
+from rths_cli.studies.sweep_table import RESPONSES, RUN, Column, Row, columns, flat, width
 
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
@@ -52,6 +60,7 @@ if TYPE_CHECKING:
 NO_PART = {
     "path", "yaml_text", "name", "notes", "seed", "runs", "accept", "reference", "report_in",
 }  # fmt: skip
+RESPONSE = {f"{RUN}.{name}" for name in RESPONSES}  # what needs the motion of the whole building
 MOTION = {"record", "scaling", "scale", "record_filter", "delay_s"}  # what no block depends on
 
 
@@ -81,14 +90,19 @@ class Ready:
     sim: Response | None = None
     truth: TrueReference | None = None
     drift_change_m: Array | None = None
+    figures: Values = field(default_factory=dict)  # of the check, and of SIM where they are asked for
+    sim_alone: bool = False  # whether no run is played
 
 
 class Shared:
     """Make what grid points share, and keep the last of each kind."""
 
-    def __init__(self, overrides: tuple[str, ...], progress: Progress) -> None:
-        self._overrides = overrides
-        self._progress = progress
+    def __init__(
+        self, overrides: tuple[str, ...], progress: Progress, metrics: Sequence[str] = (), sim_alone: bool = False
+    ) -> None:
+        """`metrics`: paths that are asked for beside those of every table; `sim_alone`: no run is played."""
+        self._overrides, self._progress = overrides, progress
+        self._of_sim, self._sim_alone = any(path.startswith("sim.") for path in metrics), sim_alone
         self._values = SharedValues()
 
     def setup(self, case: Case) -> Setup:
@@ -130,17 +144,22 @@ class Shared:
         keys = self.keys(setup)
         known = values.get("known", keys.model, lambda: self._memory(setup).known(setup, self._progress))
         checked = values.get("check", (keys.check, self._overrides), lambda: self._verdict(setup, known, keys))
+        figures = dict(checked.figures)
+        if self._of_sim:
+            figures |= response_metrics("sim", setup.building, sim_of(setup, values))
+        if self._sim_alone:
+            return Ready(setup, checked, "", figures=figures, sim_alone=True)
         unsafe = why_unsafe(setup, checked)
         why = why_none(setup, known, checked) or ((unsafe,) if unsafe else ())
         refused = "; ".join(sentences(why))
         if refused or checked.design is None:
-            return Ready(setup, checked, refused)
+            return Ready(setup, checked, refused, figures=figures)
         sim = sim_of(setup, values)
         truth = truth_of(setup, sim, values, self._progress) if true_reference.is_another(setup) else None
         change_m = None if setup.building.linear else change_of_residual_drift(setup, sim, values)
         drifting = known.found if laboratory_number(setup.case) is not None else None
         plan = plan_run(setup, checked.design, HYBRID_TEST, drifting, checked.planned.get(HYBRID_TEST.name))
-        return Ready(setup, checked, "", plan, sim, truth, change_m)
+        return Ready(setup, checked, "", plan, sim, truth, change_m, figures)
 
     def _memory(self, setup: Setup) -> Memory:
         return self._values.get("memory", _model_key(setup), lambda: Memory(Cache()))
@@ -174,15 +193,17 @@ def play_variant(ready: Ready, variant: int, seed: int, of: Sequence[Column], st
     """
     checked = ready.checked
     model = model_sha256(checked.design.model) if checked.design else ""
-    figures = flat(of, storeys, checked.figures)
+    figures = flat(of, storeys, ready.figures)
     row = Row(variant, "refused", ready.refused, 1, checked.verdict, model, processor_name(), figures)
+    if ready.sim_alone:
+        return replace(row, status="complete", exit_code=0)
     if ready.plan is None or ready.sim is None:
         return row
     try:
-        stop, errors = _played(ready, ready.plan, ready.sim, seed)
+        stop, errors = _played(ready, ready.plan, ready.sim, seed, any(column.path in RESPONSE for column in of))
     except Exception as error:
         return failed(row, error)
-    values = {**checked.figures, **errors}
+    values = {**ready.figures, **errors}
     stop = stop or _accepted(ready, values)
     figures = flat(of, storeys, values)
     return replace(row, status=stop.status, reason=stop.reason, exit_code=stop.exit_code, figures=figures)
@@ -213,16 +234,20 @@ def failed(row: Row, error: Exception) -> Row:
     return replace(row, status="failed", reason=reason, exit_code=5)
 
 
-def _played(ready: Ready, plan: RunPlan, sim: Response, seed: int) -> tuple[Stop | None, Values]:
-    """Return why a run ended early and no figures, or None, its errors and the response of its laws by path."""
+def _played(ready: Ready, plan: RunPlan, sim: Response, seed: int, response: bool) -> tuple[Stop | None, Values]:
+    """Return why a run ended early and no figures, or None, its errors and the response of its laws by path; with
+    `response` the building's too."""
     setup, design = plan.setup, plan.design
-    outcome = play_run(plan, seed, _log(plan) if plan.expected is None else None)
-    linear = setup.building.linear
-    run = run_of(outcome, setup, plan.kind, design.blocks.lead_samples, plan.expected, only_accelerations=linear)
+    outcome = play_run(plan, seed, _log(plan, response) if plan.expected is None else None)
+    only = setup.building.linear and not response
+    run = run_of(outcome, setup, plan.kind, design.blocks.lead_samples, plan.expected, only_accelerations=only)
     if run.stopped is not None:
         return run.stopped, {}
     room = _room(2 + 2 * len(sim.abs_accel_m_s2), sim.abs_accel_m_s2.shape[1])
     values = dict(errors_of(run, setup, sim, room))
+    if run.building is not None and response:
+        motion = run.building
+        values |= run_metrics.of_building(RUN, setup.building, motion.rel_disp_m, motion.abs_accel_m_s2)
     if run.building is not None and run.series.law_force_n is not None:
         values |= run_metrics.of_laws(RUN, setup.building, run.building.rel_disp_m, run.series.law_force_n)
         if ready.drift_change_m is not None:
@@ -241,11 +266,12 @@ def _room(pairs: int, samples: int) -> Array:
     return room
 
 
-def _log(plan: RunPlan) -> Log:
-    """Return this thread's log, lean where every storey is measured: the next run of the same size uses it again."""
+def _log(plan: RunPlan, response: bool) -> Log:
+    """Return this thread's log, lean where every storey is measured and no `response` is asked for: the next run of
+    the same size uses it again."""
     blocks, building, info = plan.design.blocks, plan.setup.building, plan.setup.rig
     channels, estimates = len(info.channels), len(blocks.estimator.C)
-    lean = len(building.numerical.masses_kg) == 1 and building.linear
+    lean = len(building.numerical.masses_kg) == 1 and building.linear and not response
     asked = (len(plan.drive), Sizes(channels, estimates, len(blocks.logs), further=len(info.further)), lean, channels)
     if getattr(_THREAD, "logged", None) != asked:
         _THREAD.logged, _THREAD.log = asked, empty_log(*asked)

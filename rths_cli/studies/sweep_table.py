@@ -30,6 +30,14 @@ OF_LAWS = tuple(
     f"{RUN}.{name}" for name in ("ductility", "residual_drift_m", "residual_drift_uncertainty_m", "restoring_work_j")
 )
 OF_TRUTH = tuple(f"{RUN}.true_reference_{name}" for name in ("rms_error_m_s2", "nrmse_percent", "ratio"))
+RESPONSES = (
+    "peak_inter_storey_drift_m", "peak_drift_ratio", "peak_abs_accel_m_s2", "peak_rel_disp_m",
+    "peak_building_base_shear_n", "building_base_shear_ratio",
+)  # fmt: skip
+ON_REQUEST = (
+    *(f"{run}.{name}" for run in ("sim", RUN) for name in RESPONSES), "sim.ductility", "sim.residual_drift_m",
+)  # fmt: skip
+"""Metrics that a sweep computes where a study names them."""
 Column = Quantity
 """One metric of a sweep: one number per run, or one per run and storey."""
 
@@ -61,6 +69,11 @@ def columns() -> tuple[Column, ...]:
     return tuple(METRICS[path] for path in (*played, *OF_LAWS, *OF_TRUTH, *(f"check.{name}" for name in CHECKED)))
 
 
+def computable() -> tuple[Column, ...]:
+    """Return the metrics that a sweep can keep: those of every table, and those on request."""
+    return (*columns(), *(METRICS[path] for path in ON_REQUEST))
+
+
 def width(of: Sequence[Column], storeys: int) -> int:
     """Return how many numbers a row has."""
     return sum(storeys if column.over else 1 for column in of)
@@ -88,11 +101,12 @@ def kept_columns(
     that a sweep does not compute.
     """
     of_none = (*(() if has_laws else OF_LAWS), *(() if has_truth else OF_TRUTH))
-    known = {column.path: column for column in columns()}
+    known = {column.path: column for column in computable()}
     unknown = [path for path in metrics or () if path not in known]
     if unknown:
         computed = "a sweep does not compute it"
         raise InputError(*(f"{study}: metrics: {path}: {computed}{near(path, known)}" for path in unknown))
+    of_none = (*of_none, *ON_REQUEST)
     kept = (*metrics, *NEEDED) if metrics is not None else [path for path in known if path not in of_none]
     return tuple(column for path, column in known.items() if path in kept)
 
@@ -109,6 +123,25 @@ class Table:
         self._codes = np.zeros(runs, dtype=np.int16)
         self._spelt: dict[str, str] = {}
         self._done = np.zeros(runs, dtype=bool)
+        self._wanted = np.ones(runs, dtype=bool)
+
+    def want(self, variants: NDArray[np.int64]) -> None:
+        """Have only these runs lack where they are not there: the others are not played now."""
+        self._wanted[:] = False
+        self._wanted[np.searchsorted(self._variants, variants)] = True
+
+    @property
+    def played(self) -> NDArray[np.int64]:
+        """Return the runs (m,) that are there, in ascending order."""
+        return self._variants[self._done]
+
+    def of_played(self) -> Table:
+        """Return the table of the runs that are there."""
+        found = Table(self._of, self._storeys, self.played)
+        found._numbers, found._codes = self._numbers[self._done], self._codes[self._done]
+        found._texts = {name: column[self._done] for name, column in self._texts.items()}
+        found._done[:] = True
+        return found
 
     def add(self, row: Row) -> None:
         """Put a row in its place."""
@@ -140,7 +173,8 @@ class Table:
 
     def lacks(self, variant: int) -> bool:
         """Tell whether a run belongs to the table and is not there yet."""
-        return self.has(variant) and not self._done[self._place(variant)]
+        place = self._place(variant)
+        return self.has(variant) and bool(self._wanted[place] and not self._done[place])
 
     @property
     def texts(self) -> dict[str, tuple[str, ...]]:

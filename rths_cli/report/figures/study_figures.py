@@ -60,10 +60,12 @@ def sweep_figure(sweep: Sweep, width: str, metric: str = "", headed: bool = True
     return heading_of(figure, sweep, width, headed, shown if seeds > 1 else "")
 
 
-def heading_of(figure: Figure, sweep: Sweep, width: str, headed: bool, note: str = "") -> Figure:
-    """Return the figure of a sweep, `headed` by its case and table and a note."""
+def heading_of(
+    figure: Figure, sweep: Sweep, width: str, headed: bool, note: str = "", runs: str = "EXP-RTHS"
+) -> Figure:
+    """Return the figure of a sweep, `headed` by its case, runs, table and a note."""
     if headed:
-        text = f"{sweep.attributes['case_name']}, EXP-RTHS; virtual shake table {sweep.attributes['rig']}"
+        text = f"{sweep.attributes['case_name']}, {runs}; virtual shake table {sweep.attributes['rig']}"
         text += f"; {note}" if note else ""
         figure.suptitle(
             plain(textwrap.fill(text, HEADING_CHARACTERS[width])), x=0.01, ha="left", fontsize=6.5, color=GREY_TEXT

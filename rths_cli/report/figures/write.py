@@ -21,12 +21,14 @@ from rths_cli.files.sweep_file import Sweep
 from rths_cli.interrupts import interruptible
 from rths_cli.report.figures import frequency, histories, limit_bars, structural_figures
 from rths_cli.report.figures.figure_data import NotDrawn, Source
+from rths_cli.report.figures.ida_figures import fragility, ida_curves
 from rths_cli.report.figures.limit_bars import limits, timing
 from rths_cli.report.figures.panels import heading
 from rths_cli.report.figures.study_figures import has_boundary, parallel, sobol, stability, sweep_figure, tornado
 from rths_cli.report.figures.style import DPI, FORMS, METADATA, WIDTHS_MM, in_house_style
 from rths_cli.report.result_scale import in_model_scale
 from rths_cli.report.sweep_page import indexed_keys
+from rths_cli.studies.ida_curves import ABOUT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,6 +60,7 @@ FIGURES: dict[str, Callable[[Source, str], Figure]] = {
 
 SWEEP_FIGURES: dict[str, Callable[[Sweep, str, str, bool], Figure]] = {
     SWEEP: sweep_figure, "tornado": tornado, "parallel": parallel, "sobol": sobol, "stability": stability,
+    "ida": ida_curves, "fragility": fragility,
 }  # fmt: skip
 """Figures of sweeps by name."""
 IN_MODEL_SCALE = ("table_response", "spectra", "delay_and_gain", "limits", "timing")
@@ -141,6 +144,8 @@ def sweep_images(sweep: Sweep, width: str = "two") -> Iterator[tuple[str, bytes]
 
 def sweep_figure_names(sweep: Sweep) -> tuple[str, ...]:
     """Return the figures that are drawn of a sweep, by the number of its varied keys and how they were sampled."""
+    if ABOUT in sweep.attributes:
+        return "ida", "fragility"
     keys = len(sweep.varied)
     wanted = {
         SWEEP: keys <= 2,

@@ -13,7 +13,7 @@ from rths_cli.report.report_contents import Baseline, Contents
 from rths_cli.report.result_tables import to_json
 from rths_cli.report.results_by_case import judge
 from rths_cli.report.stored_findings import stored_findings
-from rths_cli.report.sweep_page import document as sweep_document
+from rths_cli.report.study_pages import document as sweep_document
 
 FORMAT, FORMAT_VERSION = "rths-report", 1
 

@@ -39,6 +39,7 @@ from rths_cli.report.paper_tables import claims_tables
 from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.result_tables import error_tables, legend, remarks
 from rths_cli.report.results_by_case import RUN_NAMES, TABLE_RUNS, Entry, entries, status
+from rths_cli.report.study_pages import is_ida, sections
 from rths_cli.report.sweep_page import below_grid_points, grid_points, verdict_lines
 from rths_cli.report.to_html import Html, blocks, classed, data_script, details, element, join, table
 
@@ -53,6 +54,8 @@ TIMES = {
 }
 SHARES = {"median": 50.0, "99 %": 99.0, "99.9 %": 99.9, "largest": 100.0}
 CAPTIONS = {
+    "ida": "Intensity over the largest response of each record, with fractiles over the records and the limit.",
+    "fragility": "Probability that the limit is exceeded, with its 95 % confidence, and the shares that exceeded it.",
     "sweep": "The metric over the varied keys{of}. A cross or an empty cell: a run was refused, aborted or failed.",
     "tornado": "How far each key moves the median: grid points with its smallest and with its largest values{of}. "
     "Grey bar: all values of the key. Black line: median of all grid points.",
@@ -238,10 +241,11 @@ def _noted(result: Result, name: str) -> Array | None:
 
 def study_section(path: Path, sweep: Sweep) -> Html:
     """Return the section of a sweep, given with its file."""
-    parts = [blocks(verdict_lines(sweep, path)), *_figures(sweep)]
-    if below := [section for section in below_grid_points(sweep) if section]:
+    head, *rest = sections(sweep, path) if (ida := is_ida(sweep)) else [verdict_lines(sweep, path)]
+    parts = [blocks(head), *_figures(sweep)]
+    if below := rest or [section for section in below_grid_points(sweep) if section]:
         parts += [element("h3", "Summary"), *map(blocks, below)]
-    if points := grid_points(sweep):
+    if points := [] if ida else grid_points(sweep):
         parts += [element("h3", "Grid points"), blocks(points)]
     if sweep.study_yaml:
         parts.append(details("The study", element("pre", sweep.study_yaml)))

@@ -104,7 +104,7 @@ def test_the_critical_delays_are_those_that_the_table_names(place: Path) -> None
         (("silva2020", "--case", "5"), "--case 5: is none of the benchmark's; known: 1, 2, 3, 4"),
         (
             ("silva2020", "--compensator", "pi_led"),
-            "no kind and no Python file; did you mean pi_lead?",
+            "no kind and no Python file; did you mean pi_lead or lead?",
         ),
         (("silva2020", "--compensator", "chen", "--compensator", "chen"), "chen is given more than once"),
     ],

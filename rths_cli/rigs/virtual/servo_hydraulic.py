@@ -23,7 +23,7 @@ from scipy.linalg import expm
 from rths_cli.numerics.compiled import part
 from rths_cli.numerics.lti import Array, ComplexArray, StateSpace
 
-FINE = 32  # steps (Runge-Kutta, fourth order) of a sample in which the force reaches its limit
+FINE = 4  # steps (Runge-Kutta, fourth order) of a sample in which the force reaches its limit
 VALVE, VALVE_RATE, FORCE, DISPLACEMENT, VELOCITY = range(5)  # the states
 
 

@@ -34,6 +34,9 @@ AHEAD = 4  # runs handed out per processor
 class Watcher(Protocol):
     """Receives the progress of a benchmark."""
 
+    def started(self, number: int, count: int, name: str) -> None:
+        """Show that a run is waited for."""
+
     def doing(self, what: str) -> None:
         """Show what is being done."""
 
@@ -234,8 +237,9 @@ def _played(
                     return
                 key, future = waiting.pop(0)
                 label, case, index = key
-                watcher.doing(f"run {done + 1} of {count}: {label}, case {case}, plant {index}")
                 done += 1
+                watcher.started(done, count, f"{label}, case {case}, plant {index}")
+                watcher.doing("playing")
                 yield kept[key] if future is None else BenchmarkRow(case, label, index, future.result())
         finally:
             executor.shutdown(wait=True, cancel_futures=True)

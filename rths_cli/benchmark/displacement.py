@@ -10,7 +10,13 @@ import numpy as np
 from scipy.linalg import expm
 
 from rths_cli.analysis.metrics import frequency_evaluation, peak, response_criteria, tracking_criteria, tracking_ratios
-from rths_cli.benchmark.displacement_loop import (
+from rths_cli.case.benchmark_schema import BenchmarkCase, BenchmarkCompensator, BenchmarkSpec
+from rths_cli.case.compensator_schema import OWN
+from rths_cli.control.compensator import FIELD, Plant, compiled_function, definition_of, designed_law, without_sent
+from rths_cli.control.law_block import declared_block, derived_block
+from rths_cli.errors import InputError
+from rths_cli.files.accelerograms import Accelerogram
+from rths_cli.loop.displacement_loop import (
     INTO,
     REMEMBERED,
     Converters,
@@ -20,12 +26,6 @@ from rths_cli.benchmark.displacement_loop import (
     Storeys,
     play,
 )
-from rths_cli.case.benchmark_schema import BenchmarkCase, BenchmarkCompensator, BenchmarkSpec
-from rths_cli.case.compensator_schema import OWN
-from rths_cli.control.compensator import FIELD, Plant, compiled_function, definition_of, designed_law, without_sent
-from rths_cli.control.law_block import declared_block, derived_block
-from rths_cli.errors import InputError
-from rths_cli.files.accelerograms import Accelerogram
 from rths_cli.numerics.lti import Array, Block, Model, driven_modes
 from rths_cli.numerics.user_functions import UserFunction
 from rths_cli.rigs.virtual.servo_hydraulic import ServoHydraulic, sampled_actuator

@@ -66,8 +66,7 @@ def benchmark(
         from rths_cli.cli.describe import show_list
 
         return show_list("benchmarks", as_json)
-    screen = new_screen(quiet, command="" if as_json else "benchmark")
-    screen.doing("starting")
+    screen = new_screen(quiet)
     from rths_cli.benchmark.campaign import BenchmarkRequest, benchmark_of, run_benchmark
     from rths_cli.report.benchmark_page import (
         as_json as as_document,

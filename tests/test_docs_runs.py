@@ -77,6 +77,7 @@ def test_the_pages_that_are_run_as_written_are_these() -> None:
     howto = {
         f"howto/{name}.md"
         for name in (
+            "benchmark",
             "calibrate",
             "channels",
             "ci",

@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from rths_cli.case.benchmark_schema import BenchmarkSpec
 from rths_cli.case.case_schema import CaseKeys, ReferenceSpec, StructureSpec
 from rths_cli.case.compensator_schema import built_in_compensators
 from rths_cli.case.rig_schema import KINDS, AnyRig, PluginRigSpec, RigSpec
@@ -19,6 +20,7 @@ MODELS: dict[str, Any] = {
     "rig": AnyRig,
     "reference": ReferenceSpec,
     "study": StudyKeys,
+    "benchmark": BenchmarkSpec,
 }
 EXTENDS = {"type": "object", "required": ["extends"]}
 EXTENDS_CASE = "the case, a name or a path, whose keys hold where this one states none; it lends no name"
@@ -26,7 +28,7 @@ NAME = {"type": "string", "minLength": 1, "description": "a name or a path"}
 
 
 def schema(kind: str = "case") -> dict[str, Any]:
-    """Return the JSON Schema of a case file, or of a structure, rig, reference or study file."""
+    """Return the JSON Schema of a case file, or of a structure, rig, reference, study or benchmark file."""
     generated = TypeAdapter(MODELS[kind]).json_schema()
     definitions = generated.pop("$defs")
     rigs: list[type[RigSpec]] = [*KINDS.values(), PluginRigSpec]

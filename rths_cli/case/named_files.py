@@ -31,6 +31,7 @@ TELLING = {
         "calibration",
     ),
     "references": ("title", "source", "entries"),
+    "benchmarks": ("heading", "loop", "scatter", "compensators"),
     "calibrations": ("rig", "made_utc", "masses"),
     "studies": ("case", "axes", "samples", "correlations", "constraints"),
 }
@@ -113,6 +114,8 @@ def no_case(kind: str, name: str) -> str:
     if kind == "studies":
         return f"is a study, not a case; rths sweep {name} runs it"
     what = kind.removesuffix("s")
+    if kind == "benchmarks":
+        return f"is a benchmark, not a case; rths benchmark {name} runs it"
     if kind == "calibrations":
         return f"is a calibration, not a case; a rig file names it (calibration: {name})"
     named = Path(name).stem if os.path.basename(name) == name else name

@@ -10,6 +10,7 @@ FOLDERS = {
     "structures": "configs/structures",
     "rigs": "configs/rigs",
     "references": "configs/references",
+    "benchmarks": "configs/benchmarks",
     "records": "records",
 }
 

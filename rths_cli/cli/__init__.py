@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rths_cli.cli import check, describe, evaluate, export, ida, identify, laboratory, report, run, sweep
+from rths_cli.cli import benchmark, check, describe, evaluate, export, ida, identify, laboratory, report, run, sweep
 from rths_cli.cli.command_group import SIGNALS, cli
 from rths_cli.cli.entry_point import main
 from rths_cli.cli.logs import add_log_options
@@ -10,6 +10,7 @@ from rths_cli.cli.options import complete_names
 
 __all__ = [
     "SIGNALS",
+    "benchmark",
     "check",
     "cli",
     "describe",

@@ -13,7 +13,7 @@ from rths_cli.version import __version__
 
 SIGNALS = Signals()
 PARTS = {
-    "Run": ("check", "run", "evaluate", "sweep", "ida", "merge"),
+    "Run": ("check", "run", "evaluate", "sweep", "ida", "merge", "benchmark"),
     "Look": ("report", "export"),
     "Prepare": ("new", "list", "structure", "records", "schema", "data", "identify"),
     "Real rigs": ("doctor", "calibrate", "serve", "recover", "plugin"),

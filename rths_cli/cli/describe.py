@@ -16,9 +16,9 @@ from rths_cli.cli.options import FILE, Number, json_option, no_replace_option, q
 from rths_cli.cli.terminal import page_width, show_page
 
 RESULTS = "results"
-KINDS = ("cases", "structures", "rigs", "records", "references")
+KINDS = ("cases", "structures", "rigs", "records", "references", "benchmarks")
 
-SCHEMA_KINDS = ("case", "structure", "rig", "reference", "study")
+SCHEMA_KINDS = ("case", "structure", "rig", "reference", "study", "benchmark")
 
 
 @cli.command("list")
@@ -29,7 +29,7 @@ def list_kind(kind: str, folder: Path | None, as_json: bool) -> int:
     """List what a case may name and `rths run` takes here: your own files first, with their paths, then shipped ones;
     or the results of a folder (default: results), the newest first.
 
-    KIND: cases, structures, rigs, records, references or results.
+    KIND: cases, structures, rigs, records, references, benchmarks or results.
 
     Example: rths list structures
     """

@@ -27,15 +27,16 @@ SAME_INTERVAL = 1e-9  # relative
 ON_THE_CIRCLE = 1e-9  # nearer than this to the unit circle a pole is on it
 
 
-def placed_block(field: str, block: Block, dt_s: float, channels: int) -> Block:
+def placed_block(field: str, block: Block, dt_s: float, channels: int, interface: str = "acceleration") -> Block:
     """Return a block in the place of the feedforward: all of its signals known by name, in the step's order.
 
     Its inputs are of the desired motion (`desired_accel_m_s2`, `desired_vel_m_s`, `desired_disp_m`) and of the
-    corrected samples of `channels` accelerometers (`table_accel_m_s2`, `floor_accel_1_m_s2`, ...), in any order; its
-    one output is `command_v`. Raises InputError for other signals, another sample time, what is not finite, and a
-    filter of the desired motion that is unstable.
+    corrected samples of `channels` accelerometers (`table_accel_m_s2`, `floor_accel_1_m_s2`, ...), at an `interface` of
+    displacement of `measured_disp_m` and `measured_force_n`, in any order; its one output is `command_v`. Raises
+    InputError for other signals, another sample time, what is not finite, and a filter of the desired motion that is
+    unstable.
     """
-    known = (*DESIRED, *measured_names(channels))
+    known = (*DESIRED, *measured_names(channels, interface))
     faults = [f"the input {name!r} is none; known: {', '.join(known)}" for name in block.inputs if name not in known]
     count, stated = block.D.shape[1], ", ".join(block.inputs) or "none"
     if len(set(block.inputs)) != len(block.inputs) or len(block.inputs) != count:

@@ -30,7 +30,7 @@ from functools import cached_property, lru_cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -86,7 +86,9 @@ class Plant:
     """What the design of a compensator may know: the identified table and specimen, and the loop's rates.
 
     `band_hz`: where model and data were compared. `lead_samples`: by how many samples the desired motion is ahead of
-    the table. `channels`: number of accelerometers, the table's first.
+    the table. `channels`: number of accelerometers, the table's first. `interface` "displacement": an actuator whose
+    command is a displacement in m, not in V, and whose two measured channels are its displacement in m and the force in
+    N; the model is that of its acceleration all the same.
     """
 
     model: Model
@@ -95,6 +97,15 @@ class Plant:
     band_hz: tuple[float, float]
     lead_samples: int = 0
     channels: int = 1
+    interface: Literal["acceleration", "displacement"] = "acceleration"
+
+    def needs_displacement(self, kind: str) -> None:
+        """Raise InputError on a table of which accelerations are measured; `kind` uses the measured displacement."""
+        if self.interface != "displacement":
+            raise InputError(
+                f"{FIELD}: {kind} uses the measured displacement of an actuator, of this table accelerations are "
+                "measured; use another kind (rths benchmark silva2020 has such an actuator)"
+            )
 
     @property
     def gain_m_per_v(self) -> float:
@@ -330,7 +341,7 @@ def designed_law(definition: Definition, options: Mapping[str, float | None], pl
     if not _same(given, again):
         raise InputError(f"{who}: design gives another result when it is called again; use plant and options only")
     if isinstance(given, Block):
-        return placed_block(who, given, plant.dt_s, plant.channels)
+        return placed_block(who, given, plant.dt_s, plant.channels, plant.interface)
     if definition.command is None and definition.made is None:
         raise InputError(f"{who}: design gives numbers, but there is no function command and no class Compensator")
     law = Law(definition.who, given, definition.states, plant.channels, definition.command, definition.made)

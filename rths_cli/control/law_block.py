@@ -25,8 +25,11 @@ TIMED = 200  # calls of which the time is taken, five times
 STEP_SHARE = 0.2  # of the loop's interval: the longest time of a law in Python on a real rig
 
 
-def measured_names(channels: int) -> tuple[str, ...]:
-    """Return the names of the corrected accelerations of table and floors."""
+def measured_names(channels: int, interface: str = "acceleration") -> tuple[str, ...]:
+    """Return the names of the corrected accelerations of table and floors, or what an actuator that tracks displacement
+    returns."""
+    if interface == "displacement":
+        return "measured_disp_m", "measured_force_n"
     return ("table_accel_m_s2", *(f"floor_accel_{i}_m_s2" for i in range(1, channels)))
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.analysis.intensity import measures, spectrum
-from rths_cli.case.load import load_cases, load_reference, load_rig, load_structure
+from rths_cli.case.load import load_benchmark, load_cases, load_reference, load_rig, load_structure
 from rths_cli.case.named_files import find, is_bare, known_files
 from rths_cli.case.shipped_files import is_shipped
 from rths_cli.case.yaml_reader import display
@@ -121,12 +121,24 @@ def _reference(path: Path) -> tuple[str, Details]:
     return f"{reference.title}; {reference.source}", details
 
 
+def _benchmark(path: Path) -> tuple[str, Details]:
+    spec = load_benchmark(path)
+    details = {
+        "heading": spec.heading,
+        "published_in": spec.published_in,
+        "cases": [case.name for case in spec.cases],
+        "compensators": [one.label for one in spec.compensators],
+    }
+    return f"{spec.heading}: {len(spec.cases)} cases, {len(spec.compensators)} compensators", details
+
+
 DESCRIBED: Mapping[str, Callable[[Path], tuple[str, Details]]] = {
     "cases": _case,
     "structures": _structure,
     "rigs": _rig,
     "records": _record,
     "references": _reference,
+    "benchmarks": _benchmark,
 }
 
 

@@ -65,7 +65,16 @@ PART = {"error_model": "numpy", "forceinline": True, **ONLY_CALLED_BY_COMPILED_C
 ENTRY = {"error_model": "numpy", "nogil": True}
 FUSED = {"fastmath": {"contract"}}  # the only thing that LLVM may change in the arithmetic of a function
 PACKAGE = Path(__file__).resolve().parents[1]
-ABOVE = ("__main__.py", "api", "cli", "experiment", "laboratory", "report", "studies")  # compiled code imports none
+ABOVE = (
+    "__main__.py",
+    "api",
+    "benchmark",
+    "cli",
+    "experiment",
+    "laboratory",
+    "report",
+    "studies",
+)  # compiled code imports none
 WITHOUT_EFFECT = ("NUMBA_CACHE_DIR=", "NUMBA_NUM_THREADS=", "NUMBA_THREADING_LAYER=")  # settings, on our machine code
 CALLS = "runtime_calls.txt"  # what compiled code calls though it should not, a line each: entry, function
 LOCK_S = 60.0  # a process that compiles for longer is taken for stopped

@@ -11,16 +11,17 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numba
 from llvmlite import ir
 from numba import carray, types
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
-from numba.extending import intrinsic
+from numba.extending import intrinsic, register_jitable
 
 from rths_cli.numerics.compiled import calls_of_the_runtime
 
+F = TypeVar("F", bound=Callable[..., Any])
 _NUMBERS = types.CPointer(types.float64)
 _FORCE = types.float64(_NUMBERS, _NUMBERS, _NUMBERS, types.float64, types.float64)
 _COMMAND = types.float64(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, types.float64)
@@ -166,3 +167,9 @@ def call(typingctx: Any, address: Any) -> Any:
         return builder.sext(builder.call(builder.inttoptr(arguments[0], function), []), ir.IntType(64))
 
     return types.int64(types.int64), generate
+
+
+def callable_in_commands(function: F) -> F:
+    """Let a user's compiled command call a function, which stays one of Python."""
+    made: F = register_jitable(function)
+    return made

@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import pytest
 
+from rths_cli.case.benchmark_schema import BenchmarkSpec
 from rths_cli.case.calibration_schema import CalibrationSpec
 from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.load import load_cases
@@ -57,13 +58,14 @@ def test_no_two_kinds_share_a_telling_key_and_each_key_is_one_of_its_kind() -> N
         "references": set(ReferenceSpec.model_fields),
         "calibrations": set(CalibrationSpec.model_fields) - {"channels"},  # a rig has them too, but no made_utc
         "studies": set(StudyKeys.model_fields),
+        "benchmarks": set(BenchmarkSpec.model_fields),
     }
     for kind, keys in TELLING.items():
         others = set().union(*(fields[other] for other in fields if other != kind))
         assert set(keys) <= fields[kind] and not set(keys) & others, kind
 
 
-@pytest.mark.parametrize("kind", ["cases", "structures", "rigs", "references"])
+@pytest.mark.parametrize("kind", ["cases", "structures", "rigs", "references", "benchmarks"])
 def test_everything_shipped_is_recognised(kind: str) -> None:
     found = {path.name: kind_of(path) for path in shipped(kind).glob("*.yaml")}
     assert found and set(found.values()) == {kind}
@@ -76,6 +78,7 @@ def test_files_of_the_users_own_are_known_by_what_they_hold(own: Path) -> None:
         "structures": {"b5"},
         "rigs": {"r5", "r6"},
         "references": {"p5"},
+        "benchmarks": set(),
         "records": {"pulse", "peer"},
     }
 

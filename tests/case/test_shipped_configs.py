@@ -16,7 +16,13 @@ from rths_cli.case.shipped_files import shipped
 from rths_cli.case.yaml_reader import plain, read_file
 
 CONFIGS = shipped("cases")
-FOLDERS = {"case": "cases", "structure": "structures", "rig": "rigs", "reference": "references"}
+FOLDERS = {
+    "case": "cases",
+    "structure": "structures",
+    "rig": "rigs",
+    "reference": "references",
+    "benchmark": "benchmarks",
+}
 FILES = [(kind, path) for kind, folder in FOLDERS.items() for path in sorted(shipped(folder).glob("*.yaml"))]
 CASES = [path for kind, path in FILES if kind == "case"]
 

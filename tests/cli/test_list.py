@@ -62,6 +62,7 @@ def test_the_document_says_which_files_are_the_users_own(kind: str, lab: Path) -
         "rigs": ["table"],
         "records": ["no_unit", "pulse"],
         "references": [],
+        "benchmarks": [],
     }
     assert sorted(own) == mine[kind] and all((lab / file).exists() for file in own.values())
     assert [one["own"] for one in listed] == sorted((one["own"] for one in listed), reverse=True)

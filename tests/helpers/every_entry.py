@@ -15,6 +15,8 @@ import rths_cli
 from rths_cli.analysis.metrics import figures_of_pairs
 from rths_cli.analysis.nonlinear_sim_delay import simulate_delayed_with_laws
 from rths_cli.analysis.sim_delay import simulate_delayed
+from rths_cli.benchmark.campaign import BenchmarkRequest, benchmark_of
+from rths_cli.benchmark.displacement import CaseRuns
 from rths_cli.case.load import load_cases
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control.friction_compensation import FrictionFeedforward
@@ -98,4 +100,8 @@ def compile_the_analysis() -> None:
     simulate_delayed(build(case.structure, case.damping), DT_S, record, 0.001)
     (yielding,) = load_cases(["el_centro_low_ff_fb"], (f"structure.numerical.law=[[{YIELDS}]]",))
     simulate_delayed_with_laws(build(yielding.structure, yielding.damping), DT_S, record[:20], 0.001)
+    bench = benchmark_of(BenchmarkRequest("silva2020", cases=("1",), compensators=("none",)))
+    runs = CaseRuns(bench, bench.spec.cases[0], bench.storeys(bench.spec.cases[0]), np.zeros((3, 1)),
+                    bench.designed(bench.spec.compensators[0]))  # fmt: skip
+    runs.radius(bench.plant(0, 0))
     figures_of_pairs([(record, 0.9 * record)], DT_S, high_pass_hz=5.0)

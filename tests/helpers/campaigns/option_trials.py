@@ -36,6 +36,7 @@ NEEDED: dict[str, tuple[str, ...]] = {
         "--yes",
     ),
     "sweep": (*QUICK, "--seeds", "1", "--jobs", "1"),
+    "benchmark": ("silva2020", "--case", "1", "--compensator", "chen", "--plants", "1", "--record", "short.csv"),
     "merge": ("part.h5", "--output", "whole.h5"),
     "report": ("result.h5",),
     "export": ("result.h5", "--to", "csv", "--group", "sim"),

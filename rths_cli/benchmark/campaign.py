@@ -1,0 +1,264 @@
+"""What `rths benchmark` does: every compensator on every case and plant, a file of rows that can be continued."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Protocol
+
+from rths_cli.benchmark.displacement import NONE, ROW, CaseRuns, Designed, DisplacementBenchmark, critical_delay_s
+from rths_cli.case.benchmark_schema import BenchmarkCompensator, BenchmarkSpec
+from rths_cli.case.compensator_schema import OWN, STATE_SPACE, compensator_kinds
+from rths_cli.case.field_types import near
+from rths_cli.case.load import load_benchmark
+from rths_cli.case.named_files import find, is_bare
+from rths_cli.errors import InputError
+from rths_cli.experiment.model_files import software
+from rths_cli.files.accelerograms import read_accelerogram
+from rths_cli.files.durable_files import claimed
+from rths_cli.files.existing_files import Kind, check_existing, replaced_sentence
+from rths_cli.files.result_writer import check_writable
+from rths_cli.studies.engines import Engine, executor_here
+from rths_cli.version import __version__
+
+FOLDER = Path("benchmarks")
+MOST_BYTES = 1 << 30  # of a file of rows
+AHEAD = 4  # runs handed out per processor
+
+
+class Watcher(Protocol):
+    """Receives the progress of a benchmark."""
+
+    def started(self, number: int, count: int, name: str) -> None:
+        """Show that a run is waited for."""
+
+    def doing(self, what: str) -> None:
+        """Show what is being done."""
+
+    def message(self, text: str) -> None:
+        """Show a sentence that stays."""
+
+
+@dataclass(frozen=True)
+class BenchmarkRequest:
+    """What `rths benchmark` was asked; empty or None: as the benchmark's file states it."""
+
+    name: str
+    cases: tuple[str, ...] = ()
+    compensators: tuple[str, ...] = ()
+    plants: int | None = None
+    seed: int = 0
+    noise_free: bool = False
+    record: str | None = None
+    scaling: float | None = None
+    output: Path | None = None
+    jobs: int = 1
+    resume: bool = False
+    replace: bool = True
+
+
+@dataclass(frozen=True)
+class BenchmarkRow:
+    """One run: its case, compensator and plant (0: the nominal one), and the numbers of `displacement.ROW`."""
+
+    case: str
+    compensator: str
+    plant: int
+    figures: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Benchmarked:
+    """A finished benchmark: its file of rows, and how many of them were played now."""
+
+    bench: DisplacementBenchmark
+    plan: dict[str, Any]
+    rows: tuple[BenchmarkRow, ...]
+    path: Path
+    played: int
+    critical_delays_s: dict[str, float]
+    adapting: frozenset[str]
+    """Compensators that are no linear block: their radius is that of the block that they declare."""
+
+
+def benchmark_of(request: BenchmarkRequest) -> DisplacementBenchmark:
+    """Return the benchmark as it is asked for; raises InputError with all faults."""
+    spec = load_benchmark(find(request.name, "benchmarks", Path.cwd()))
+    cases = _chosen("--case", request.cases, {case.name: case for case in spec.cases})
+    compensators = [_compensator(spec, one) for one in request.compensators] or list(spec.compensators)
+    labels = [one.label for one in compensators]
+    if repeated := sorted({label for label in labels if labels.count(label) > 1}):
+        raise InputError(f"--compensator: {', '.join(repeated)} is given more than once; name each once")
+    scaling = spec.ground_motion_factor if request.scaling is None else request.scaling
+    plants = spec.plants if request.plants is None else request.plants
+    spec = spec.model_copy(update={
+        "cases": tuple(cases), "compensators": tuple(compensators), "plants": plants, "ground_motion_factor": scaling,
+        "ground_motion": request.record or spec.ground_motion,
+    })  # fmt: skip
+    named = spec.ground_motion
+    record = read_accelerogram(find(named, "records", Path.cwd()) if is_bare(named) else Path(named))
+    return DisplacementBenchmark(spec, record, request.noise_free)
+
+
+def _chosen(option: str, asked: Sequence[str], known: dict[str, Any]) -> list[Any]:
+    if faults := [f"{option} {one}: is none of the benchmark's{near(one, known)}" for one in asked if one not in known]:
+        raise InputError(*faults)
+    return [known[one] for one in dict.fromkeys(asked)] or list(known.values())
+
+
+def _compensator(spec: BenchmarkSpec, asked: str) -> BenchmarkCompensator:
+    """Return a compensator of the table by its name, one of any kind with its defaults, or that of a Python file."""
+    known = {one.label: one for one in spec.compensators}
+    if asked in known:
+        return known[asked]
+    kinds = [NONE, *(kind for kind in compensator_kinds() if kind not in (OWN, STATE_SPACE))]
+    if not asked.endswith(".py") and asked not in kinds:
+        names = dict.fromkeys((*known, *kinds))
+        raise InputError(
+            f"--compensator {asked}: is none of the benchmark's table, no kind and no Python file{near(asked, names)}"
+        )
+    own = {"kind": OWN, "file": Path(asked)} if asked.endswith(".py") else {"kind": asked}
+    return BenchmarkCompensator.model_validate(own)
+
+
+def run_benchmark(request: BenchmarkRequest, watcher: Watcher) -> Benchmarked:
+    """Play what is not played yet; raises InputError with all faults before the first run."""
+    bench = benchmark_of(request)
+    watcher.doing("designing the compensators")
+    designed = _all_designed(bench)
+    plan = _plan(bench, request)
+    path = request.output or FOLDER / f"{bench.spec.name}.jsonl"
+    with claimed(path) as ours:
+        if not ours:
+            raise InputError(f"{path}: is being written by another process; choose another --output, or wait for it")
+        kept = _kept(path, plan) if request.resume else {}
+        replaced = () if request.resume else check_existing([(path, Kind.DOCUMENT)], request.replace)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        check_writable(path.parent)
+        rows = _written(path, plan, kept, _played(bench, designed, request, kept, watcher))
+    if replaced:
+        watcher.message(replaced_sentence(replaced))
+    delays = {case.name: critical_delay_s(bench, case) for case in bench.spec.cases}
+    adapting = frozenset(one.label for one in designed if one.adapts)
+    return Benchmarked(bench, plan, tuple(rows), path, len(rows) - len(kept), delays, adapting)
+
+
+def _all_designed(bench: DisplacementBenchmark) -> list[Designed]:
+    """Return the compensators designed; raises InputError with the faults of all."""
+    made, faults = [], []
+    for one in bench.spec.compensators:
+        try:
+            made.append(bench.designed(one))
+        except InputError as error:
+            faults += [f"{one.label}: {fault}" for fault in error.faults]
+    if faults:
+        raise InputError(*faults)
+    return made
+
+
+def _plan(bench: DisplacementBenchmark, request: BenchmarkRequest) -> dict[str, Any]:
+    """Return what decides the rows: the same plan gives the same bytes."""
+    spec = bench.spec.model_dump(mode="json", exclude_none=True)
+    files = {str(one.file): sha256(one.file.read_bytes()).hexdigest() for one in bench.spec.compensators if one.file}
+    return {
+        "format": "rths-benchmark",
+        "version": __version__,
+        "software_sha256": software(),
+        "seed": request.seed,
+        "noise_free": bench.noise_free,
+        "record_sha256": sha256(bench.record.accel_m_s2.tobytes()).hexdigest(),
+        "record_dt_s": bench.record.dt_s,
+        "compensator_files": files,
+        "benchmark": spec,
+    }
+
+
+Key = tuple[str, str, int]
+Rows = dict[Key, BenchmarkRow]
+
+
+def _kept(path: Path, plan: dict[str, Any]) -> Rows:
+    """Return the rows that an interrupted benchmark has; raises InputError for the file of another plan."""
+    if not path.exists():
+        return {}
+    if path.stat().st_size > MOST_BYTES:
+        raise InputError(f"{path}: is no file of benchmark rows; choose another --output")
+    head, *lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    if _read(head) != json.loads(json.dumps(plan)):
+        raise InputError(
+            f"--resume: {path} has rows of another benchmark, version, seed, case, record or compensator; give the "
+            "same options, drop --resume, or choose another --output"
+        )
+    found = (_read(line) for line in lines)
+    rows = [BenchmarkRow(one["case"], one["compensator"], one["plant"], _figures(one)) for one in found
+            if one and set(ROW) <= set(one)]  # fmt: skip
+    return {(row.compensator, row.case, row.plant): row for row in rows}
+
+
+def _read(line: str) -> dict[str, Any]:
+    """Return the content of a line, nothing for one that an interruption cut."""
+    try:
+        found = json.loads(line)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _figures(line: dict[str, Any]) -> dict[str, float]:
+    return {name: float("nan") if line[name] is None else float(line[name]) for name in ROW}
+
+
+def _played(
+    bench: DisplacementBenchmark, designed: Sequence[Designed], request: BenchmarkRequest, kept: Rows, watcher: Watcher
+) -> Iterator[BenchmarkRow]:
+    """Yield all rows in their order, those that are kept and those that are played now."""
+    plants = range(bench.spec.plants)
+    count = len(designed) * len(bench.spec.cases) * len(plants)
+    storeys = {case.name: (case, bench.storeys(case), bench.reference(case)) for case in bench.spec.cases}
+    tasks = ((one, case.name, index) for one in designed for case in bench.spec.cases for index in plants)
+    engine = Engine("threads" if request.jobs > 1 else "inline", request.jobs)
+    with executor_here(engine) as executor:
+        waiting: list[tuple[Key, Future[dict[str, float]] | None]] = []
+        done = 0
+        try:
+            while True:
+                for one, case, index in tasks:
+                    key = (one.label, case, index)
+                    runs = CaseRuns(bench, *storeys[case], one)
+                    waiting.append((key, None if key in kept else executor.submit(runs.row, index, request.seed)))
+                    if len(waiting) >= AHEAD * request.jobs:
+                        break
+                if not waiting:
+                    return
+                key, future = waiting.pop(0)
+                label, case, index = key
+                done += 1
+                watcher.started(done, count, f"{label}, case {case}, plant {index}")
+                watcher.doing("playing")
+                yield kept[key] if future is None else BenchmarkRow(case, label, index, future.result())
+        finally:
+            executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _written(path: Path, plan: dict[str, Any], kept: Rows, rows: Iterator[BenchmarkRow]) -> list[BenchmarkRow]:
+    """Write plan and rows, each when it is there, so that an interruption leaves all that was played."""
+    made = []
+    part = path.with_name(f".{path.name}.part") if kept else path  # what was kept is not lost before it is written
+    with open(part, "w", encoding="utf-8", newline="\n") as file:
+        file.write(json.dumps(plan) + "\n")
+        for row in rows:
+            told = {name: value if value == value else None for name, value in row.figures.items()}
+            file.write(
+                json.dumps({"case": row.case, "compensator": row.compensator, "plant": row.plant, **told}) + "\n"
+            )
+            file.flush()
+            made.append(row)
+            if part != path and len(made) == len(kept):
+                os.replace(part, path)
+                part = path
+    return made

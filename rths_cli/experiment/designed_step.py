@@ -33,6 +33,18 @@ if TYPE_CHECKING:
     from rths_cli.identification.results import Identification
 
 
+REHEARSED = 1000  # instants of each rehearsal
+GROWS = 300  # instants over which the strongest part of the record begins
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """A short ground motion, and what the channels show when the step plays it on the identified rig."""
+
+    ground: Array  # (m, 3)
+    shown_v: Array  # (m, c + f) without zeros, noise and sensors' dynamics
+
+
 @dataclass(frozen=True)
 class DesignedStep:
     """A step and its guard, ready to be run by another computer."""
@@ -42,7 +54,7 @@ class DesignedStep:
     blocks: Blocks
     limits: GuardLimits  # of this run, without zeros taken off
     drive: Array  # (n, 3) acceleration, velocity and displacement of the ground at k + n_p
-    shown_v: Array  # (n, c + f) samples of the run simulated on the identified rig
+    rehearsals: tuple[Rehearsal, Rehearsal]  # of the begin of the record, and of its strongest part
     zero_steps: int  # instants over which zeros are measured
     still_steps: int  # instants at rest before the ramp-up
     ramp_steps: int
@@ -78,8 +90,10 @@ def designed_step(case: Case, progress: Progress) -> DesignedStep:
         raise InputError(*(f"{where}: {found.verdict}, its step is not written: {one}" for one in found.reasons))
     plan = plan_run(setup, found.design, HYBRID_TEST, planned=found.planned.get(HYBRID_TEST.name))
     blocks, dt_s = found.design.blocks, setup.rig.dt_s
+    motions = plan.drive[:REHEARSED], strongest(plan.drive)
+    begin, strong = (Rehearsal(one, _shown_v(setup, known.found, blocks, one)) for one in motions)
     return DesignedStep(
-        case.name, setup.rig, blocks, plan.limits, plan.drive, _shown_v(setup, known.found, blocks, plan.drive),
+        case.name, setup.rig, blocks, plan.limits, plan.drive, (begin, strong),
         round(LISTENING_S / dt_s), round(BEFORE_S / dt_s), round(RAMP_UP_S / dt_s),
         hashlib.sha256(resolved_yaml(case).encode()).hexdigest(), model_sha256(found.design.model), known.source,
     )  # fmt: skip
@@ -98,9 +112,16 @@ def _refuse_other_runs(setup: Setup) -> None:
         )
 
 
+def strongest(drive: Array) -> Array:
+    """Return the strongest REHEARSED rows of a ground motion (n, 3), which grow from zero to their size."""
+    first = int(np.argmax(np.abs(drive[:, 0]))) - REHEARSED // 2
+    rows = drive[max(min(first, len(drive) - REHEARSED), 0) :][:REHEARSED]
+    way = np.clip(np.arange(len(rows)) / GROWS, 0.0, 1.0)[:, None]
+    return np.ascontiguousarray(way * way * (3.0 - 2.0 * way) * rows)
+
+
 def _shown_v(setup: Setup, identified: Identification, blocks: Blocks, drive: Array) -> Array:
-    """Return the samples (n, c + f) in V that the channels show in the run simulated on the identified rig, without
-    noise and sensors' dynamics; a channel that nothing is known of shows zero."""
+    """Return the samples (m, c + f) of a rehearsal; a channel that nothing is known of shows zero."""
     setup = setup.calibrated(identified)
     rig, seen = loop_parts(setup, identified)[0], setup.rig
     limits, still = without_limits(guard_limits(setup)), np.zeros((len(drive), len(seen.channels)))

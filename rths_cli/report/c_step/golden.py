@@ -1,9 +1,8 @@
 """golden.c: inputs of 2,000 steps and what the compiled step of rths made of them, and a main that compares.
 
 Two tests of 1,000 steps each, from the first row of the record on, after a rest and a ramp-up of constant samples. The
-first one loses samples and is stopped by its operator; the second one is shaken by the strongest part of the record
-until a channel exceeds what its guard permits. Samples are those of the run simulated on the identified rig, played
-open loop.
+first one loses samples and is stopped by its operator; in the second one, the strongest part of the record, the
+table's channel saturates. Samples are those that the identified rig shows (DesignedStep.rehearsals), played open loop.
 """
 
 from __future__ import annotations
@@ -12,16 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.experiment.designed_step import DesignedStep
+from rths_cli.experiment.designed_step import REHEARSED, DesignedStep, Rehearsal
 from rths_cli.loop.recorded_steps import Conducted, Recorded, conduct_over
 from rths_cli.numerics.lti import Array
 from rths_cli.report.c_step.numbers import numbers
 
-STEPS = 1000  # of each of the two tests
+STEPS = REHEARSED  # of each of the two tests
 REST_V = 1e-3  # zero of a channel, as a fraction of its range
 LOST = (200, *range(300, 303), *range(500, 502))  # instants of the first test without samples
 STOP_AT = 850
-BEGINS, SATURATED_AT = 300, 900  # of the second test: by when the record is at full scale, and a channel saturates
+SATURATED_AT = 900  # of the second test
 TOLERATED = 1e-10  # of each signal's peak
 SIGNALS = ("command_v", "base_shear_n", "desired_accel_m_s2")
 
@@ -44,16 +43,15 @@ def _rest_v(step: DesignedStep) -> Array:
     return np.array([REST_V * min(one.range_v, step.info.converters.range_v) for one in step.info.all_channels])
 
 
-def _taken(step: DesignedStep, first: int) -> tuple[Array, Array]:
-    """Return STEPS rows of the record and of the samples from a row on, zeros behind its end."""
-    ground, samples = np.zeros((STEPS, 3)), np.zeros((STEPS, step.shown_v.shape[1]))
-    count = min(STEPS, len(step.drive) - first)
-    ground[:count], samples[:count] = step.drive[first : first + count], step.shown_v[first : first + count]
+def _taken(rehearsal: Rehearsal) -> tuple[Array, Array]:
+    """Return STEPS rows of ground and samples, zeros behind the end of a rehearsal."""
+    lacking = STEPS - len(rehearsal.ground)
+    ground, samples = (np.pad(one, ((0, lacking), (0, 0))) for one in (rehearsal.ground, rehearsal.shown_v))
     return ground, samples
 
 
 def _stopped(step: DesignedStep) -> tuple[Array, Array, Array, Array]:
-    ground, samples = _taken(step, 0)
+    ground, samples = _taken(step.rehearsals[0])
     came, stop = np.ones(STEPS, dtype=bool), np.zeros(STEPS, dtype=bool)
     came[list(LOST[: 1 + step.info.limits.lost_samples])] = False
     stop[STOP_AT:] = True
@@ -61,11 +59,7 @@ def _stopped(step: DesignedStep) -> tuple[Array, Array, Array, Array]:
 
 
 def _shaken(step: DesignedStep) -> tuple[Array, Array, Array, Array]:
-    strongest = int(np.argmax(np.abs(step.drive[:, 0])))
-    ground, samples = _taken(step, min(max(strongest - STEPS // 2, 0), max(len(step.drive) - STEPS, 0)))
-    way = np.clip(np.arange(STEPS) / BEGINS, 0.0, 1.0)[:, None]
-    grown = way * way * (3.0 - 2.0 * way)
-    ground, samples = grown * ground, grown * samples
+    ground, samples = _taken(step.rehearsals[1])
     samples[SATURATED_AT:, step.blocks.interface.channels[0]] = step.info.converters.range_v
     return ground, samples, np.ones(STEPS, dtype=bool), np.zeros(STEPS, dtype=bool)
 

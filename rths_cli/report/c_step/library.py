@@ -13,7 +13,7 @@ from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import check_writable
 from rths_cli.loop.guard import REASONS
 from rths_cli.report.c_step.golden import Golden, golden_tests, golden_text
-from rths_cli.report.c_step.numbers import data_text, numbers, sizes, sizes_text
+from rths_cli.report.c_step.numbers import data_text, numbers, refuse_other_parts, sizes, sizes_text
 from rths_cli.report.c_step.operations import operations
 from rths_cli.report.export_files import Target, write_all
 from rths_cli.version import __version__
@@ -33,6 +33,7 @@ def write_library(
 
     Raises InputError for a part that C cannot have, and before anything is written, where a file cannot be written.
     """
+    refuse_other_parts(step)
     texts = library_texts(step, golden_tests(step))
     targets = [Target(folder / name, _writer(text)) for name, text in texts.items()]
     replaced = check_existing([(target.path, Kind.DOCUMENT) for target in targets], replace)

@@ -1027,13 +1027,13 @@ static int32_t conduct(rths_state *s, const rths_inputs *in)
 static void tell(rths_state *s, int32_t lost, rths_outputs *out)
 {
   const int32_t next = s->step - record_begins();
-  const int moves = s->state == RTHS_RAMP_UP || s->state == RTHS_RUNNING;
+  const int begun = s->state == RTHS_RAMP_UP || s->state == RTHS_RUNNING || s->state == RTHS_RAMP_DOWN;
   out->command_v = s->command;
   out->state = s->state;
   out->reason = s->reason;
   out->channel = s->channel;
   out->seen = s->seen;
-  out->row = moves && next >= 0 && next < rths_data.record_steps ? next : -1;
+  out->row = begun && next >= 0 && next < rths_data.record_steps ? next : -1;
   out->lost = lost;
   out->share = s->share;
   out->base_shear_n = s->force;

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 REHEARSED = 1000  # instants of each rehearsal
-GROWS = 300  # instants over which the strongest part of the record begins
+GROWS = 600  # instants over which the strongest part of the record begins
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def designed_step(case: Case, progress: Progress) -> DesignedStep:
         raise InputError(*(f"{where}: {found.verdict}, its step is not written: {one}" for one in found.reasons))
     plan = plan_run(setup, found.design, HYBRID_TEST, planned=found.planned.get(HYBRID_TEST.name))
     blocks, dt_s = found.design.blocks, setup.rig.dt_s
-    motions = plan.drive[:REHEARSED], strongest(plan.drive)
+    motions = plan.drive[:REHEARSED], strongest(plan.drive, dt_s)
     begin, strong = (Rehearsal(one, _shown_v(setup, known.found, blocks, one)) for one in motions)
     return DesignedStep(
         case.name, setup.rig, blocks, plan.limits, plan.drive, (begin, strong),
@@ -112,12 +112,16 @@ def _refuse_other_runs(setup: Setup) -> None:
         )
 
 
-def strongest(drive: Array) -> Array:
-    """Return the strongest REHEARSED rows of a ground motion (n, 3), which grow from zero to their size."""
+def strongest(drive: Array, dt_s: float) -> Array:
+    """Return the strongest REHEARSED rows of a ground motion (n, 3), whose displacement grows from zero to its size
+    over GROWS rows; velocity and acceleration are its derivatives."""
     first = int(np.argmax(np.abs(drive[:, 0]))) - REHEARSED // 2
-    rows = drive[max(min(first, len(drive) - REHEARSED), 0) :][:REHEARSED]
-    way = np.clip(np.arange(len(rows)) / GROWS, 0.0, 1.0)[:, None]
-    return np.ascontiguousarray(way * way * (3.0 - 2.0 * way) * rows)
+    accel, velocity, place = drive[max(min(first, len(drive) - REHEARSED), 0) :][:REHEARSED].T
+    x, per_s = np.clip(np.arange(len(place)) / GROWS, 0.0, 1.0), 1.0 / (GROWS * dt_s)
+    grown, rate, bend = x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) * per_s, np.where(x < 1.0, 6.0 - 12.0 * x, 0.0)
+    bend = bend * per_s**2
+    moved = grown * accel + 2.0 * rate * velocity + bend * place, grown * velocity + rate * place, grown * place
+    return np.ascontiguousarray(np.column_stack(moved))
 
 
 def _shown_v(setup: Setup, identified: Identification, blocks: Blocks, drive: Array) -> Array:

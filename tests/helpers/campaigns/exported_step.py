@@ -14,10 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
+from campaigns import step_run
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.experiment.designed_step import DesignedStep, Rehearsal
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.real_rig_readiness import EXP_RTHS, guard_limits, open_rig
 from rths_cli.loop.guard import GuardLimits
+from rths_cli.loop.realtime_run import perform, prepare
 from rths_cli.loop.recorded_steps import Conducted, Recorded, conduct_over
+from rths_cli.loop.run_log import signals, sizes_of
+from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.numerics.lti import Array
 from rths_cli.report.c_step.library import WRITTEN_ONCE
 from rths_cli.report.c_step.numbers import data_text, sizes_text
@@ -51,6 +57,24 @@ def recorded(step: DesignedStep, samples_v: Array, lost: Sequence[int] = (), sto
     came[list(lost)] = False
     stop[count if stop_at is None else stop_at :] = True
     return Recorded(samples_v + rest_v, came, stop, step.drive, step.still_steps, step.ramp_steps, rest_v)
+
+
+def shipped(memory: Memory, case: str, settings: tuple[str, ...] = ()) -> tuple[DesignedStep, Recorded]:
+    """Return the step of a case with the limits of its rig file, and the samples of its run on the virtual rig."""
+    setup, blocks = step_run.prepared(memory, case, settings)
+    drive, limits = step_run.inputs(setup, blocks).drive, guard_limits(setup)
+    step, dt_s = bench_step(setup.rig, blocks, limits, drive), setup.rig.dt_s
+    run = prepare(setup.rig, blocks, NUMERICAL, drive, limits, ramp_s=RAMP * dt_s, still_s=(STILL * dt_s, 0.0))
+    rig = open_rig(setup, (EXP_RTHS,), setup.case.seed)
+    rig.open()
+    try:
+        assert perform(rig, run) == ""
+    finally:
+        rig.close()
+    log, count = signals(run.log, sizes_of(run.step)), int(run.log.done[0])
+    samples_v = np.vstack([log.samples_v, log.further_v])[:, :count].T
+    came, zeros_v = np.ones(count, dtype=bool), np.zeros(samples_v.shape[1])
+    return step, Recorded(samples_v, came, ~came, drive, STILL, RAMP, zeros_v)
 
 
 @dataclass(frozen=True)

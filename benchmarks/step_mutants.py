@@ -98,11 +98,13 @@ def dropped(text: str, old: str, new: str, where: str) -> str:
 
 
 def prepared(memory: Memory, case: str) -> Given:
-    """Return the step of a case and the samples of its run, some of which are lost, with zeros."""
+    """Return the step of a case and the samples of its run, some of which are lost, with zeros and a shaken ramp-up."""
     step, given = shipped(memory, case)
     zeros_v, came = 1e-3 * (1.0 + np.arange(given.samples_v.shape[1])), given.came.copy()
     came[list(LOST)] = False
-    return step, replace(given, samples_v=given.samples_v + zeros_v, zeros_v=zeros_v, came=came)
+    samples_v = given.samples_v + zeros_v
+    samples_v[given.still : given.still + given.ramp, 1:] += 0.5
+    return step, replace(given, samples_v=samples_v, zeros_v=zeros_v, came=came)
 
 
 def first_steps(given: Given) -> Given:

@@ -103,7 +103,7 @@ def prepared(memory: Memory, case: str) -> Given:
     zeros_v, came = 1e-3 * (1.0 + np.arange(given.samples_v.shape[1])), given.came.copy()
     came[list(LOST)] = False
     samples_v = given.samples_v + zeros_v
-    samples_v[given.still : given.still + given.ramp, 1:] += 0.5
+    samples_v[given.still : given.still + given.ramp, 1:] += 0.01
     return step, replace(given, samples_v=samples_v, zeros_v=zeros_v, came=came)
 
 

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from campaigns import step_in_c
+from campaigns.exported_step import compiler
 from forked_programs import Program
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
@@ -88,7 +88,7 @@ def test_the_folder_lists_its_scripts() -> None:
 @pytest.mark.campaign
 @pytest.mark.parametrize("script", SHORT)
 def test_a_campaign_runs_in_its_short_form(script: str, tmp_path: Path) -> None:
-    if script == "step_mutants.py" and step_in_c.compiler() is None:
+    if script == "step_mutants.py" and compiler() is None:
         pytest.skip("no C compiler here")
     assert re.search(str(SCRIPTS[script].get("PRINTS", r"\S")), run(script, ("--short",), tmp_path), re.MULTILINE)
 
@@ -99,4 +99,4 @@ def test_a_part_of_the_benchmark_runs_in_its_short_form(part: str, tmp_path: Pat
     table = run("run.py", ("--short", part), tmp_path)
     assert re.search(r"^what +figure +demand", table, re.MULTILINE)
     same = [line for line in table.splitlines() if line.startswith("EXP-RTHS step less C")]
-    assert all("holds" in line for line in same) and (bool(same) == (part == "step") or not step_in_c.compiler())
+    assert all("holds" in line for line in same) and (bool(same) == (part == "step") or not compiler())

@@ -8,7 +8,7 @@ import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from campaigns.step_in_c import OPTIONS, compiler
+from campaigns.exported_step import EQUAL, FAST, compiler
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "control", "openseespy")
 
@@ -44,4 +44,4 @@ def _compiler() -> str:
     if path is None:
         return "no C compiler"
     said = subprocess.run([path, "--version"], capture_output=True, text=True).stdout.splitlines()
-    return f"{said[0] if said else path}; step.c with {' '.join(OPTIONS[:2])}"
+    return f"{said[0] if said else path}; rths_step.c with {' '.join(FAST)} and {EQUAL[0]}"

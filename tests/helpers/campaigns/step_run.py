@@ -1,4 +1,4 @@
-"""The inputs of one EXP-RTHS on the virtual rig, and the arrays it changes: the same for our step and the one in C."""
+"""The inputs of one EXP-RTHS on the virtual rig, and the arrays it changes."""
 
 from __future__ import annotations
 
@@ -14,15 +14,13 @@ from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.real_rig_readiness import EXP_RTHS, guard_limits, open_rig
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard
-from rths_cli.loop.run_log import Log, Signals, Sizes, empty_log, signals, sizes_of, widths
+from rths_cli.loop.run_log import Log, Signals, empty_log, signals, sizes_of
 from rths_cli.loop.simulated_time_run import run_virtual
 from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.virtual.plant_kernel import Plant, PlantState, fresh_state
 
 CASE = "el_centro_low_ff_fb"
-ABSENT = ("logged", "further", "compute_ns")  # nothing logs here, there are no further channels, and times differ
-SIGNALS = tuple(name for name in widths(Sizes(1, 1), 1, False) if name not in ABSENT)
 
 
 @dataclass(frozen=True)

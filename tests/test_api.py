@@ -21,6 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from docs_running import shortened
 
 import rths_cli
 from rths_cli import InputError
@@ -78,7 +79,11 @@ def test_the_import_is_lazy_and_every_public_name_is_there() -> None:
 
 
 def test_every_snippet_of_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page's case is one of that name on 8 s of its record."""
     monkeypatch.chdir(tmp_path)
+    shortened(ROOT / "records" / "el_centro.csv", tmp_path / "short.csv", 400)
+    case = (ROOT / "configs" / f"{CASE}.yaml").read_text(encoding="utf-8")
+    (tmp_path / f"{CASE}.yaml").write_text(case.replace("record: el_centro", "record: short.csv"), encoding="utf-8")
     names: dict[str, Any] = {}
     for code in snippets("reference/python.md", "python"):
         if "rths_cli.plot" in code and not HAS_FIGURES:

@@ -199,25 +199,28 @@ def _of_channels(
 @click.argument("action", type=click.Choice(["test"]), metavar="test")
 @click.argument("package", metavar="PACKAGE|FILE")
 @click.option("--rig", metavar="FILE", help="Rig file whose channels, limits and options are tried [default: made up].")
+@quiet_option
 @json_option
-def plugin(action: str, package: str, rig: str | None, as_json: bool) -> int:
+def plugin(action: str, package: str, rig: str | None, quiet: bool, as_json: bool) -> int:
     """Hold what an installed package brings, or a compensator in a Python file, to its contract.
 
     PACKAGE is its name, or the kind of a rig that it brings; FILE is a compensator of your own, whose code is run. Each
-    rig is opened, armed and moved to its limits; one
-    that states hardware behind it is refused. Exit code 1: the contract is broken.
+    rig is opened, armed and moved to its limits; one that states hardware behind it is refused. Exit code 1: the
+    contract is broken.
 
     Example: rths plugin test rths-slow-table
     """
     from rths_cli.laboratory.plugin import try_package
-    from rths_cli.report.plugin_page import document, page
+    from rths_cli.report.plugin_page import document, page, verdict
 
-    screen = new_screen(as_json)
+    screen = new_screen(as_json or quiet)
     found = try_package(package, rig, screen.doing)
     screen.clear()
     code = 0 if all(one.kept for one in found) else 1
     if as_json:
         click.echo(json.dumps(document(package, found) | {"exit_code": code}, indent=2))
+    elif quiet:
+        click.echo(verdict(package, found))
     else:
         show_page(lambda: page(package, found))
     return code

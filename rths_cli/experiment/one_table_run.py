@@ -54,7 +54,8 @@ INTERRUPTIONS = {guard.INTERRUPT: 130, guard.TERMINATION: 143}  # exit codes of 
 
 @dataclass(frozen=True)
 class Stop:
-    """Why a run ended early: the status of its file and the exit code that goes with it; `findings`: of a refusal."""
+    """Why a run ended early: the status of its file and the exit code that goes with it; `findings`: of a refusal or of
+    the guard."""
 
     status: str
     reason: str
@@ -305,13 +306,14 @@ def after_the_record(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
 
 def _stop(outcome: Outcome, said: str) -> Stop:
     """Return status and exit code that go with what ended a run."""
+    found = () if outcome.stop is None else (outcome.stop,)
     if outcome.reason in INTERRUPTIONS:
-        return Stop("interrupted", said, INTERRUPTIONS[outcome.reason])
+        return Stop("interrupted", said, INTERRUPTIONS[outcome.reason], found)
     if outcome.reason == guard.WATCHER_FAILED:
-        return Stop("failed", said, 5)
+        return Stop("failed", said, 5, found)
     if outcome.rig_fault or outcome.reason in (guard.LOG_FAILED, guard.RIG_FAULT):
-        return Stop("failed", said, 4)
-    return Stop("aborted", said, 3)
+        return Stop("failed", said, 4, found)
+    return Stop("aborted", said, 3, found)
 
 
 def _instant(outcome: Outcome, record_s: float) -> str:

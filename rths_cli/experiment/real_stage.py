@@ -13,6 +13,7 @@ from rths_cli.experiment.one_table_run import AFTER_S, BEFORE_S, RunPlan
 from rths_cli.experiment.real_rig_readiness import open_rig
 from rths_cli.experiment.run_signals import as_stored
 from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path, still_in
+from rths_cli.findings import Finding, stated
 from rths_cli.loop.guard import LOG_FAILED, WATCHER_FAILED
 from rths_cli.loop.live_view import View, Watching
 from rths_cli.loop.realtime_run import STOP_KEY, Performance, Performed, order, perform_watched, prepare
@@ -123,9 +124,9 @@ def _with_fault(performed: Performed, stream: LogStream) -> Outcome:
     """Return the outcome of a run; if watcher or raw log ended it, the reason states their fault."""
     outcome = performed.outcome
     if outcome.reason == WATCHER_FAILED:
-        return replace(outcome, stopped_by_limit=f"{outcome.stopped_by_limit} ({performed.watch_fault})")
-    if outcome.reason == LOG_FAILED:
-        return replace(outcome, stopped_by_limit=stream.fault or outcome.stopped_by_limit)
+        return replace(outcome, stop=Finding("stop.live_view_failed", {"details": performed.watch_fault}))
+    if outcome.reason == LOG_FAILED and stream.fault:
+        return replace(outcome, stop=stated(stream.fault))
     return outcome
 
 

@@ -202,15 +202,24 @@ def _page(facts: dict[str, Any], width: int) -> str:
         *said("station", where),
         *said("corrected", facts["corrected"]),
         *said("scale", f"of the model; prototype over model: {factors_text(factors)}" if factors else ""),
-        f"  samples      {facts['samples']} every {facts['dt_s']:.6g} s, {facts['duration_s']:.2f} s",
-        f"  peak         {facts['peak_m_s2']:.4f} m/s^2, {facts['peak_velocity_m_s']:.4f} m/s, "
-        f"{1e3 * found['pgd_m']:.4g} mm",
-        "  intensity    Arias {arias_m_s:.4g} m/s, CAV {cav_m_s:.4g} m/s, Housner {housner_m:.4g} m".format(**found),
-        "  duration     5-75 % {d5_75_s:.4g} s, 5-95 % {d5_95_s:.4g} s; mean period {mean_period_s:.4g} s".format(
-            **found
+        *said("samples", f"{facts['samples']} every {facts['dt_s']:.6g} s, {facts['duration_s']:.2f} s"),
+        *said(
+            "peak",
+            f"{facts['peak_m_s2']:.4f} m/s^2, {facts['peak_velocity_m_s']:.4f} m/s, {1e3 * found['pgd_m']:.4g} mm",
         ),
-        "  baseline     mean {:g} m/s^2, drift {:g} m/s^2, first sample {:g} m/s^2".format(
-            *(rounded(facts[f"{name}_m_s2"]) for name in ("mean", "drift", "first"))
+        *said(
+            "intensity",
+            "Arias {arias_m_s:.4g} m/s, CAV {cav_m_s:.4g} m/s, Housner {housner_m:.4g} m".format(**found),
+        ),
+        *said(
+            "duration",
+            "5-75 % {d5_75_s:.4g} s, 5-95 % {d5_95_s:.4g} s; mean period {mean_period_s:.4g} s".format(**found),
+        ),
+        *said(
+            "baseline",
+            "mean {:g} m/s^2, drift {:g} m/s^2, first sample {:g} m/s^2".format(
+                *(rounded(facts[f"{name}_m_s2"]) for name in ("mean", "drift", "first"))
+            ),
         ),
         *said("doubt", doubt),
         *(line for defect in facts["defects"] for line in said("doubt", defect)),

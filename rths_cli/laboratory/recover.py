@@ -149,7 +149,7 @@ def _write(writer: ResultWriter, job: _Job, log: RawLog, before: Mapping[str, ob
     everything = _signals(log, setup)
     whole = whole_of(everything, header.still_steps, header.ramp_steps, header.dt_s)
     of_record = part_of(everything, slice(header.ramp_steps, None))
-    outcome = Outcome(of_record, steps, "", "", 0.0, whole=whole, logs=_logs(header, len(everything.logged)))
+    outcome = Outcome(of_record, steps, None, "", 0.0, whole=whole, logs=_logs(header, len(everything.logged)))
     run = run_of(outcome, setup, _kind(header), header.lead_samples, job.expected)
     if run.warnings:
         writer.about(result_contents.told_also(before, run.warnings))

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rths_cli.findings.of_stop import TEXTS
 from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.compiled import kept_part, part
 from rths_cli.numerics.lti import Array
@@ -25,34 +26,7 @@ RATE, ENERGY, LOST, OVERRUN, RIG_FAULT, OPERATOR, INTERRUPT, TERMINATION, LOG_FA
 )
 MEASURED_STROKE, LEVEL, DISAGREES = range(21, 24)
 PLANNED_REACH, DEVIATION = range(24, 26)
-REASONS = (
-    "",
-    "displacement (estimated from the command, with room to brake) beyond the stroke limit",
-    "velocity (estimated from the command) beyond its limit",
-    "measured acceleration beyond its limit",
-    "actuator force (estimated from accelerations and masses) beyond its limit",
-    "command beyond the converter's range",
-    "tracking error beyond its limit",
-    "a sample or the command is not a number",
-    "a sensor is saturated",
-    "a sensor is stuck",
-    "command changes faster than its limit",
-    "the table's errors add energy to the structure beyond their limit",
-    "samples were lost or late, one after another, beyond their limit",
-    "steps overran their interval, one after another, beyond their limit",
-    "the rig reports a fault",
-    "stopped by the operator",
-    "interrupted",
-    "terminated",
-    "the log cannot be written",
-    "the live view failed",
-    "the end of the record",
-    "measured displacement (with room to brake) beyond the stroke limit",
-    "a channel is beyond its abort level",
-    "a channel does not show what command and accelerations demand",
-    "displacement (estimated from the command, with room to brake) beyond what this test needs",
-    "displacement (estimated from the command) too far from the desired one",
-)
+REASONS = ("", *TEXTS.values())
 RETURN_RATE = 7.5  # rad/s, less if a limit is tight: the table is back at zero within 2 s
 AT_REST_M = 1e-6  # less than half a bit of a 16-bit command
 STUCK_S = 0.5  # a channel is stuck if it keeps its code for this time

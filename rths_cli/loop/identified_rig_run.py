@@ -20,7 +20,7 @@ from rths_cli.loop.guard import NO_FURTHER, STOPPED, GuardLimits, GuardState, fr
 from rths_cli.loop.run_log import Log, empty_log, signals, sizes_of
 from rths_cli.loop.simulated_time_run import Outcome, check_commands, think
 from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
-from rths_cli.loop.stop_reasons import reason_of
+from rths_cli.loop.stop_reasons import stop_of
 from rths_cli.numerics.compiled import borrowed, entry, part, part_class
 from rths_cli.numerics.lti import Array, Block
 from rths_cli.rigs.description import RigInfo
@@ -118,10 +118,10 @@ def play_identified(
     blocks.raise_interruption()
     named = signals(log, sizes)
     cause = cause_of(info, blocks, limits, guard_state, named)
-    told = reason_of(info, limits, guard_state, source, cause, blocks.fault())
+    stop = stop_of(info, limits, guard_state, source, cause, blocks.fault())
     played = bool(guard_state.flags[3] >= len(drive))
     stopped_at_s = float(guard_state.flags[3] * info.dt_s)
-    return Outcome(named, steps, told, "", stopped_at_s, int(guard_state.flags[1]), None, played, logs=blocks.logs)
+    return Outcome(named, steps, stop, "", stopped_at_s, int(guard_state.flags[1]), None, played, logs=blocks.logs)
 
 
 def seen_by_model(rig: IdentifiedRig, blocks: Blocks, info: RigInfo, removes_sensors: bool) -> Blocks:

@@ -15,6 +15,8 @@ import numpy as np
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.errors import RigError, crash_note
+from rths_cli.findings import Finding
+from rths_cli.findings.of_stop import TEXTS
 from rths_cli.loop.diagnosis import Foreseen, cause_of
 from rths_cli.loop.fallback_commands import foresight_of, no_foresight
 from rths_cli.loop.guard import (
@@ -24,7 +26,6 @@ from rths_cli.loop.guard import (
     NO_CHANNEL,
     OPERATOR,
     OVERRUN,
-    REASONS,
     RETURN_RATE,
     RUNNING,
     STOPPED,
@@ -51,7 +52,7 @@ from rths_cli.loop.run_log import Log, Signals, empty_log, signals, sizes_of
 from rths_cli.loop.scheduling import Granted, real_time
 from rths_cli.loop.simulated_time_run import Outcome, Whole, check_commands, part_of
 from rths_cli.loop.step_arrays import Step, assemble
-from rths_cli.loop.stop_reasons import reason_of
+from rths_cli.loop.stop_reasons import stop_of
 from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import BRAKE_SHARE
@@ -364,14 +365,14 @@ def _outcome(run: Performance, fault: str) -> Outcome:
     reason, order_given = int(run.guard.flags[1]), int(run.course.orders[0])
     record = slice(ramp, ramp + record_steps)
     cause = cause_of(run.info, run.blocks, run.limits, run.guard, everything, run.foreseen)
-    told = reason_of(run.info, run.limits, run.guard, run.step.source, cause, run.blocks.fault())
+    stop = stop_of(run.info, run.limits, run.guard, run.step.source, cause, run.blocks.fault())
     if reason == END and order_given:
         reason = OPERATOR + order_given - 1
-        told = REASONS[reason]
+        stop = Finding(f"stop.{tuple(TEXTS)[reason - 1]}")
     whole = whole_of(part_of(everything, slice(0, int(run.log.done[0]))), still, ramp, dt_s)
     played = bool(run.guard.flags[3] >= ramp + record_steps)
     signals_of_record, ramp_s = part_of(everything, record), (ramp - still) * dt_s
-    return Outcome(signals_of_record, steps, told, fault, stopped_at_s, reason, whole, played, ramp_s, run.blocks.logs)
+    return Outcome(signals_of_record, steps, stop, fault, stopped_at_s, reason, whole, played, ramp_s, run.blocks.logs)
 
 
 def whole_of(everything: Signals, still: int, ramp: int, dt_s: float) -> Whole | None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import Logged
 from rths_cli.errors import InputError, RigError
+from rths_cli.findings import Finding
 from rths_cli.loop.diagnosis import NOTHING_FORESEEN, Foreseen, cause_of
 from rths_cli.loop.guard import (
     END,
@@ -27,7 +28,7 @@ from rths_cli.loop.guard import (
 from rths_cli.loop.run_log import Log, Signals, empty_log, note_step, signals, sizes_of
 from rths_cli.loop.step import note_sent, step
 from rths_cli.loop.step_arrays import ACCELERATION, Step, assemble
-from rths_cli.loop.stop_reasons import reason_of
+from rths_cli.loop.stop_reasons import stop_of
 from rths_cli.numerics.clock import IntArray, monotonic_ns
 from rths_cli.numerics.compiled import borrowed, entry, kept_part, part
 from rths_cli.numerics.lti import Array
@@ -66,7 +67,7 @@ class Outcome:
 
     log: Signals  # of the record, on the loop's own clock
     steps: int  # of the record that were computed
-    stopped_by_limit: str  # why the guard stopped it early, "" if it did not
+    stop: Finding | None  # why the guard stopped it early, None if it did not
     rig_fault: str  # fault that the rig reported, "" without one
     stopped_at_s: float  # time at which the guard took over, on the loop's clock; negative before the record
     reason: int = NONE  # the guard's reason
@@ -74,6 +75,11 @@ class Outcome:
     played: bool = False  # whether all steps of the record passed the guard, so that it ended after the record
     ramp_s: float = 0.0  # duration of the ramp-up before the record
     logs: tuple[Logged, ...] = ()  # what the rows of the log's `logged` are
+
+    @property
+    def stopped_by_limit(self) -> str:
+        """Return why the guard stopped it early in words, "" if it did not."""
+        return "" if self.stop is None else str(self.stop)
 
 
 ZEROED_S = 1.0  # at rest, over which zeros are taken, as on a real rig
@@ -146,12 +152,12 @@ def play(
     reason = int(guard_state.flags[1])
     stopped_at_s = float(guard_state.flags[3] * info.dt_s)
     cause = cause_of(info, blocks, limits, guard_state, named, foreseen)
-    told = reason_of(info, limits, guard_state, source, cause, blocks.fault())
+    stop = stop_of(info, limits, guard_state, source, cause, blocks.fault())
     record, record_steps = slice(0, len(drive)), min(steps, len(drive))
     seen = _whole(part_of(named, slice(0, steps)), course, still, info.dt_s) if still.before else None
     played = bool(guard_state.flags[3] >= len(drive))
     return Outcome(
-        part_of(named, record), record_steps, told, fault, stopped_at_s, reason, seen, played, logs=blocks.logs
+        part_of(named, record), record_steps, stop, fault, stopped_at_s, reason, seen, played, logs=blocks.logs
     )
 
 

@@ -1,9 +1,11 @@
-"""The sentence for each stop of the guard: what was seen, the limit, the key that states it, what to do."""
+"""The finding of each stop of the guard: what was seen, the limit, the key that states it, what to do."""
 
 from __future__ import annotations
 
 import math
 
+from rths_cli.findings import Finding, stated
+from rths_cli.findings.of_stop import TEXTS
 from rths_cli.loop import guard as g
 from rths_cli.loop.diagnosis import HOST, Cause
 from rths_cli.loop.guard import GuardLimits, GuardState
@@ -51,7 +53,15 @@ ADVICE = {
 def reason_of(
     info: RigInfo, limits: GuardLimits, state: GuardState, source: int, cause: Cause | None = None, fault: str = ""
 ) -> str:
-    """Return the guard's reason in words, "" if the guard did not stop the test before the end of the record.
+    """Return the guard's reason in words, "" if the guard did not stop the test before the end of the record."""
+    found = stop_of(info, limits, state, source, cause, fault)
+    return "" if found is None else str(found)
+
+
+def stop_of(
+    info: RigInfo, limits: GuardLimits, state: GuardState, source: int, cause: Cause | None = None, fault: str = ""
+) -> Finding | None:
+    """Return why the guard stopped the test before the end of the record, None if it did not.
 
     `source` is that of the step; for an excitation no advice on too large motions is given, because its plan gives it.
     `cause`: the cause found in the signals, which is named first. `fault`: what a part of the step raised, after which
@@ -59,35 +69,38 @@ def reason_of(
     """
     reason, channel = int(state.flags[1]), int(state.flags[2])
     if reason in (g.NONE, g.END):
-        return ""
+        return None
     if fault and reason == g.NOT_A_NUMBER:
-        return fault
+        return stated(fault)
     named = f"channel {info.all_channels[channel].name}" if channel != g.NO_CHANNEL else ""
-    seen, limit = _seen(reason, float(state.seen[0])), _limit(info, limits, state, reason, channel)
+    number, units = float(state.seen[0]), KEYS.get(reason, ("", ""))[1]
     if channel >= len(info.channels) and reason in (g.LEVEL, g.DISAGREES):
-        seen = f"{seen} {info.all_channels[channel].unit}"
-    facts = ", ".join(filter(None, (named, seen, limit)))
+        units = info.all_channels[channel].unit
+    seen = "" if reason not in KEYS or math.isnan(number) else f"{number:.4g} {units}".strip()
+    key, limit = _limit(info, limits, state, reason, channel)
+    said = key if math.isnan(limit) else f"{key} is {limit:.4g}"
     advice = cause.advice if cause else _advice(reason, channel, source)
     if reason == g.OVERRUN and info.overrun == "stop":
         advice = "end other programs, lower sample_rate_hz (rths doctor recommends one), or state overrun: hold"
-    told = "; ".join(filter(None, (facts, advice)))
-    said = f"{g.REASONS[reason]} ({told})" if told else g.REASONS[reason]
-    return f"{cause.what}: {said}" if cause else said
+    facts = ", ".join(filter(None, (named, seen, said)))
+    values = {
+        "details": "; ".join(filter(None, (facts, advice))),
+        "cause": cause.what if cause else None,
+        "channel": named.removeprefix("channel ") or None,
+        "seen": number if seen else None,
+        "limit": None if math.isnan(limit) else limit,
+        "units": units or None,
+        "key": key or None,
+    }
+    return Finding(f"stop.{tuple(TEXTS)[reason - 1]}", values)
 
 
-def _seen(reason: int, value: float) -> str:
-    """Return the value that exceeded the limit, with its unit; "" if it was not measured."""
-    if reason not in KEYS or math.isnan(value):
-        return ""
-    return f"{value:.4g} {KEYS[reason][1]}".strip()
-
-
-def _limit(info: RigInfo, limits: GuardLimits, state: GuardState, reason: int, channel: int) -> str:
-    """Return the key of the limit and its value, "" without one."""
+def _limit(info: RigInfo, limits: GuardLimits, state: GuardState, reason: int, channel: int) -> tuple[str, float]:
+    """Return the key of the limit, "" without one, and its value, NaN where the key is a sentence."""
     if reason not in KEYS:
-        return ""
+        return "", math.nan
     if reason == g.OVERRUN and info.overrun == "stop":
-        return "overrun is stop"
+        return "overrun is stop", math.nan
     key, limit = KEYS[reason][0], _number(info, limits, state, reason, channel)
     if reason == g.STROKE and limit < limits.stroke_m:
         key = "converters.range_v by nominal.gain_m_per_v"
@@ -95,7 +108,7 @@ def _limit(info: RigInfo, limits: GuardLimits, state: GuardState, reason: int, c
         key = "its abort_m_s2" if limit == info.channels[channel].abort else PLANNED
     if reason == g.TRACKING and limit < info.limits.tracking_error_m_s2:
         key = PLANNED
-    return f"{key} is {limit:.4g}"
+    return key, limit
 
 
 def _number(info: RigInfo, limits: GuardLimits, state: GuardState, reason: int, channel: int) -> float:

@@ -5,6 +5,7 @@ A table that is wider is printed in parts, one below the other; no number and no
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +19,8 @@ _COLUMNS = ContextVar("columns", default=WIDTH)
 LABEL = 24  # columns of a label and the space behind it
 GAPS = (2, 1)  # before a column, where the table fits so
 NARROWEST_LABEL = 6  # of a table one of whose cells has no room on the page
+_GLUE = "\N{NO-BREAK SPACE}"
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|[num]?s|[mk]?Hz|[mk]?m|k?N|k?g|m?V|[mk]?m/s(?:\^2)?)(?![\w/]))")
 LABEL_SHARE = 3  # labels of a table that is too wide are wrapped to one part of the page of so many
 MARKS = "\x0e", "\x0f"  # around a verdict, where a terminal colours it
 _MARKED = ContextVar("marked", default=False)
@@ -70,11 +73,18 @@ def marked(verdict: str) -> str:
 
 
 def wrapped(sentence: str, indent: int = 0) -> list[str]:
-    """Return the lines of a sentence; continuation lines are indented. A path is not broken: it will be copied."""
+    """Return the lines of a sentence; continuation lines are indented.
+
+    A number stays with its unit, and a path is not broken: it will be copied.
+    """
     made = textwrap.wrap(
-        sentence, width(), subsequent_indent=" " * indent, break_on_hyphens=False, break_long_words="/" not in sentence
+        _BEFORE_UNIT.sub(_GLUE, sentence),
+        width(),
+        subsequent_indent=" " * indent,
+        break_on_hyphens=False,
+        break_long_words="/" not in sentence,
     )
-    return [line.rstrip() for line in made] or [""]
+    return [line.rstrip().replace(_GLUE, " ") for line in made] or [""]
 
 
 def in_room(sentences: Sequence[str], room: int, whole: str) -> list[Block]:

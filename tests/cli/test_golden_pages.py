@@ -52,6 +52,7 @@ AGREEING = {  # what has the same two digits on every processor
     "check": r"(?m)^  \d +[\d.]+",
 }
 LABELS_ALONE = ("doctor", "identify")
+JOINED = ("check", "sweep")  # sentences alone, that break where their numbers' widths make them break
 
 
 def masked(name: str, text: str) -> str:
@@ -80,7 +81,8 @@ def masked(name: str, text: str) -> str:
     text = re.sub(AGREEING.get(name, "(?!)"), keep, text)
     text = re.sub(rf"(?<= )({NUMBER}|-)(?=\s|\||$)", "#", text)
     text = re.sub(r"<(\d)>", lambda m: kept[int(m[1])], re.sub(NUMBER, "#", text))
-    return re.sub(r"-{5,}", "-----", re.sub(r" {2,}", "  ", text))  # columns are as wide as their numbers
+    text = re.sub(r"-{5,}", "-----", re.sub(r" {2,}", "  ", text))  # columns are as wide as their numbers
+    return re.sub(r"(?<= )\d(?= %)", "#", re.sub(r"\n {2}(?=\S)", " ", text)) if name in JOINED else text
 
 
 def _label_alone(found: re.Match[str]) -> str:

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from docs_running import shortened
 from portfolio import parametrize_first
 
 HEAVY = ("numpy", "scipy", "numba", "llvmlite", "pydantic", "h5py", "matplotlib", "rich", "yaml", "control")
@@ -135,9 +136,10 @@ assert gc.get_stats() == before, gc.get_stats()
 
 @pytest.fixture(scope="module")
 def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder in which the default case has run once: its model is kept, its step compiled."""
+    """Return a folder in which the default case has run once, on 6 s: its model is kept, its step compiled."""
     folder = tmp_path_factory.mktemp("warm")
-    imported("", "run", "el_centro_low_ff_fb", "--quiet", cwd=folder)
+    shortened(TREE / "records" / "el_centro.csv", folder / "short.csv", 300)
+    imported("", "run", "el_centro_low_ff_fb", "--set", "record.file=short.csv", "--quiet", cwd=folder)
     return folder
 
 

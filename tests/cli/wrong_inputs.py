@@ -197,7 +197,7 @@ WRONG: tuple[Wrong, ...] = (
     Wrong("called the masses tonnes", "check x.yaml", building("masses_kg: [8.0, 8.0]", "masses_t: [0.008, 0.008]")),
     Wrong(
         "gave masses in tonnes",
-        "run x.yaml",
+        "run x.yaml --set controller=FF",
         building("[8.0, 8.0]", "[0.008, 0.008]", "[5.0, 5.0]", "[0.005, 0.005]"),
         1,
         masked=True,

@@ -82,7 +82,7 @@ def test_a_file_of_that_name_from_before_is_not_this_runs(tmp_path: Path, monkey
 def outcome(reason: int, limit: str, at_s: float, state: int = 1, **more: Any) -> Any:
     about = {"rig_fault": "", "played": False, "ramp_s": 1.0, "whole": None} | more
     log = SimpleNamespace(state=np.zeros(state))
-    return SimpleNamespace(stopped_by_limit=limit, stopped_at_s=at_s, reason=reason, log=log, **about)
+    return SimpleNamespace(stop=None, stopped_by_limit=limit, stopped_at_s=at_s, reason=reason, log=log, **about)
 
 
 def test_why_and_when_a_run_ended_is_one_sentence() -> None:

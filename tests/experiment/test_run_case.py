@@ -22,7 +22,7 @@ from rths_cli.experiment.one_table_run import drive_of
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result
-from rths_cli.findings import stated
+from rths_cli.findings import from_json, stated
 from rths_cli.quantities import metrics_of
 
 CASE = "el_centro_low_ff_fb"
@@ -129,6 +129,9 @@ def test_a_limit_stops_the_run_and_the_file_says_so(tmp_path: Path, memory: Memo
     assert "stroke" in ended.reason and "shake-table test" in ended.reason
     result = read_result(tmp_path / "s.h5")
     assert result.attributes["status"] == "aborted"
+    stop = next(one for one in from_json(str(result.attributes["findings"])) if one.code.startswith("stop."))
+    assert stop.code == "stop.displacement" and stop.values["units"] == "m" and str(stop) in ended.reason
+    assert stop.values["seen"] > stop.values["limit"] == pytest.approx(0.079, rel=1e-2)
     assert not any(path.startswith("exp_rths.") for path in result.metrics)
     with h5py.File(tmp_path / "s.h5") as file:
         short = file["exp_rths/command_v"][()]

@@ -33,7 +33,7 @@ def outcome(steps: int, done: int) -> Outcome:
         lost=np.zeros(0),
         state=np.zeros(0),
     )
-    return Outcome(log, done, "", "", 0.0)
+    return Outcome(log, done, None, "", 0.0)
 
 
 def test_what_was_desired_at_step_k_meets_what_is_measured_lead_samples_later() -> None:

@@ -43,12 +43,13 @@ def test_named_formats_are_named(tmp_path: Path, read: Reader, head: str, words:
 
 
 @pytest.mark.parametrize("stamp", ["2026-03-04T05:06:07.{:06d}", "2026/03/04 05:06:07.{:06d}", "05:06:07.{:06d}"])
-def test_dates_in_place_of_times_are_told_with_their_row(tmp_path: Path, stamp: str) -> None:
+def test_dates_in_place_of_times_are_read_below_names_and_told_without_them(tmp_path: Path, stamp: str) -> None:
     times = [stamp.format(4000 * k) for k in range(200)]
-    told = refusal(tmp_path / "a.csv", read_accelerogram, table("stamp,table (m/s^2)", times, WAVE[:200].tolist()))
-    assert told.startswith(":2: ") and "dates or times of day" in told.replace("is a date or a time of day", "dates or "
-        "times of day")  # fmt: skip
-    assert "give the time in s from the start" in told
+    text = table("stamp,table (m/s^2)", times, WAVE[:200].tolist())
+    (tmp_path / "a.csv").write_text(text)
+    assert read_accelerogram(tmp_path / "a.csv").dt_s == pytest.approx(0.004, rel=1e-9)
+    told = refusal(tmp_path / "b.csv", read_accelerogram, text.partition("\n")[2])
+    assert told.startswith(":1: ") and "is a date or a time of day; give the time in s from the start" in told
 
 
 @BOTH

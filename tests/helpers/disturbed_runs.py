@@ -91,7 +91,7 @@ class Disturbed:
         log = logged(played)
         log = replace(log, true_velocity_m_s=self._true_velocity(played, latched, log.command_v.shape[-1]))
         lead = self.freezing.design.blocks.lead_samples
-        outcome = Outcome(log, int(played.log.done[0]), "", "", 0.0)
+        outcome = Outcome(log, int(played.log.done[0]), None, "", 0.0)
         whole = on_record_clock(outcome, lead, dt, ramp + self.freezing.record)
         kept = Series.__dataclass_fields__.keys() - {"removed", "logs", "live"}
         part = slice(ramp, ramp + self._samples)

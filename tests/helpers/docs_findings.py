@@ -6,6 +6,7 @@ import re
 from itertools import groupby
 
 from rths_cli.findings import ADVICE, SENTENCES, WORDS
+from rths_cli.findings.of_stop import FACTS, TOLD
 from rths_cli.findings.wording import SCALES
 
 HEAD = """# Every finding and its sentence
@@ -38,6 +39,7 @@ GROUPS = {
     "free_vibration": "The free vibration",
     "friction": "Friction of the table",
     "guard": "The guard's limits in a run",
+    "stop": "Why the guard stopped a run; each has `cause`, `details`, `channel`, `seen`, `limit`, `units` and `key`",
     "level": "The level of the motion",
     "loop": "The loop",
     "model": "The identified model",
@@ -74,7 +76,8 @@ def findings_page() -> str:
 def _line(code: str) -> str:
     sentence = SENTENCES[code]
     severity = "" if sentence.severity == "at" else f" ({sentence.severity})"
-    return f"- `{code}`{severity}: {FIELD.sub(_shown, sentence.text)}"
+    text = sentence.text.removeprefix(TOLD).removesuffix(FACTS)
+    return f"- `{code}`{severity}: {FIELD.sub(_shown, text)}"
 
 
 def _shown(field: re.Match[str]) -> str:

@@ -117,7 +117,7 @@ class Laboratory:
         """Return the RMS errors of a run to SIM, storey by storey, in m/s^2."""
         setup, ramp = self.setup, run.course.ramp
         log, dt = logged(run), setup.rig.dt_s
-        outcome = Outcome(log, int(run.log.done[0]), "", "", 0.0)
+        outcome = Outcome(log, int(run.log.done[0]), None, "", 0.0)
         whole = on_record_clock(outcome, self.design.blocks.lead_samples, dt, ramp + self.record)
         kept = Series.__dataclass_fields__.keys() - {"live", "removed", "logs"}
         cut = {name: getattr(whole, name)[..., ramp:] for name in kept}

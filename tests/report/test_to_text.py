@@ -26,6 +26,14 @@ def test_numbers_as_the_paper_prints_them():
     assert [six_wide(value) for value in values] == texts
 
 
+def test_a_number_stays_with_its_unit_where_a_sentence_wraps():
+    for columns in range(20, 60):
+        with laid_out_in(columns):
+            made = text([[Line("true error below 0.185 % of SIM, at 12.5 m/s^2 and 2000 Hz, in the 3 storeys of 2 m")]])
+        assert " ".join(made.split()).endswith("0.185 % of SIM, at 12.5 m/s^2 and 2000 Hz, in the 3 storeys of 2 m")
+        assert not any(line.strip().startswith(("%", "m/s", "Hz")) or line.strip() == "m" for line in made.splitlines())
+
+
 COLUMNS = tuple(Column(name, (group,)) for name, group in zip("abcd", ("left", "left", "right", "right"), strict=True))
 
 

@@ -1,7 +1,8 @@
 """Recorded ground accelerations from the files of agencies, laboratories and programs, known by their content.
 
 One module per family: `peer` (.AT2), `knet` (K-NET, KiK-net), `cosmos` (COSMOS, CSMIP), `dyna` (ESM, ITACA),
-`waveforms` (SAC, miniSEED), `columns` (CSV, spreadsheets, paths of OpenSees); `others` names what is not read.
+`waveforms` (SAC, miniSEED), `columns` (CSV, spreadsheets, paths of OpenSees), `recordings` (what recorders and
+controllers write: `files.measured_data`); `others` names what is not read.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.acceleration_units import FACTORS_M_S2, find_unit
-from rths_cli.files.accelerograms import columns, cosmos, dyna, knet, peer, waveforms
-from rths_cli.files.accelerograms.others import named, named_binary
+from rths_cli.files.accelerograms import columns, cosmos, dyna, knet, peer, recordings, waveforms
+from rths_cli.files.accelerograms.others import is_asdf, named, named_binary
 from rths_cli.files.accelerograms.record import (
     Accelerogram,
     Channel,
@@ -24,6 +25,7 @@ from rths_cli.files.accelerograms.record import (
 )
 from rths_cli.files.durable_files import read_whole
 from rths_cli.files.foreign_texts import format_of
+from rths_cli.files.measured_data import is_recorded
 from rths_cli.safe_text import shortened
 
 __all__ = ["MAX_LINES", "Accelerogram", "find_unit", "read_accelerogram", "read_components"]
@@ -60,6 +62,8 @@ def _channels(path: str | Path, dt_s: float | None) -> tuple[Path, str, list[Cha
     digest = hashlib.sha256(data).hexdigest()
     if kind := waveforms.kind_of(data):
         return path, digest, waveforms.read(path, data, kind)
+    if is_recorded(data) and not is_asdf(data):
+        return path, digest, recordings.read(path, dt_s)
     if (count := max(data.count(b"\n"), data.count(b"\r"))) > MAX_LINES:
         raise InputError(f"{path}: has {count} lines, the limit is {MAX_LINES}; cut or resample the record")
     lines = _decode(path, data).splitlines()

@@ -237,10 +237,8 @@ def _names_stand_above(lines: list[str]) -> bool:
     for line in lines[:_TEXT_LINES]:
         cells = split_columns(line)
         if cells and not line.lstrip().startswith("#"):
-            if all(is_number(cell.replace(",", ".")) for cell in cells):
+            if all(is_number(cell.replace(",", ".")) or is_date(cell) for cell in cells):
                 return found
-            if any(is_date(cell) for cell in cells):
-                return False
             found = len(cells) > 1 and not any(map(is_number, cells)) and any(map(_names_a_quantity, cells))
     return False
 

@@ -30,9 +30,14 @@ def named(lines: Sequence[str]) -> str:
     return ""
 
 
+def is_asdf(data: bytes) -> bool:
+    """Say whether bytes are a file of the Adaptable Seismic Data Format, an HDF5 file of waveforms."""
+    return data.startswith(b"\x89HDF") and b"Waveforms" in data and b"ASDF" in data
+
+
 def named_binary(data: bytes) -> str:
     """Return what binary data are that have to be converted, as the end of a sentence."""
-    if data.startswith(b"\x89HDF") and b"Waveforms" in data and b"ASDF" in data:
+    if is_asdf(data):
         return (
             "is an ASDF file; write the wanted trace as CSV (time_s,accel_m_s2) with pyasdf or gmprocess (USGS), or as "
             "miniSEED"

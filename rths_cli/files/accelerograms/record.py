@@ -186,7 +186,7 @@ def _unit_faults(path: Path, header: Header, unit: str | None) -> list[str]:
         return [f"record.unit: {unit!r} is not one of the units {', '.join(FACTORS_M_S2)}; correct it"]
     if header.unit is not None and FACTORS_M_S2[stated] != FACTORS_M_S2[header.unit]:
         return [
-            f"{path}:{header.unit_line}: the file states the unit {header.unit}, the case "
+            f"{place(path, header.unit_line)}: the file states the unit {header.unit}, the case "
             f"record.unit: {unit}; correct or remove one of them"
         ]
     return []
@@ -201,11 +201,11 @@ def _interval_faults(path: Path, header: Header, dt_s: float | None) -> list[str
             "dt_s: 0.01}) or in the file (# dt: 0.01 s)"
         ]
     if not 0.0 < interval <= MAX_INTERVAL_S:
-        where = "record.dt_s" if header.dt_s is None else f"{path}:{header.dt_line}"
+        where = "record.dt_s" if header.dt_s is None else place(path, header.dt_line)
         return [f"{where}: the interval {interval:g} s must be above 0 and at most {MAX_INTERVAL_S:g} s"]
     if dt_s is not None and not math.isclose(dt_s, interval, rel_tol=AGREEMENT):
         return [
-            f"{path}:{header.dt_line}: the file states an interval of {interval:g} s, the case record.dt_s: "
+            f"{place(path, header.dt_line)}: the file states an interval of {interval:g} s, the case record.dt_s: "
             f"{dt_s:g}; correct or remove one of them"
         ]
     return []

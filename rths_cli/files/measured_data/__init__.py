@@ -16,7 +16,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.durable_files import read_whole
 from rths_cli.files.foreign_texts import lost_scans
 from rths_cli.files.measured_data.channel_roles import Chosen, RunChannels, choose, choose_of_run
-from rths_cli.files.measured_data.file_formats import READ, read_contents
+from rths_cli.files.measured_data.file_formats import READ, is_recorded, read_contents
 from rths_cli.files.measured_data.hdf5_files import write_recording
 from rths_cli.files.measured_data.recording import (
     Clock,
@@ -37,8 +37,8 @@ from rths_cli.numerics.lti import Array
 from rths_cli.safe_text import LONGEST_NAME, shortened
 
 __all__ = [
-    "Chosen", "Recording", "RunChannels", "choose", "choose_of_run", "mend", "missing", "read_recording", "role_of",
-    "write_recording",
+    "Chosen", "Recording", "RunChannels", "choose", "choose_of_run", "is_recorded", "mend", "missing",
+    "read_recording", "role_of", "write_recording",
 ]  # fmt: skip
 
 MAX_BYTES = 1_000_000_000

@@ -45,6 +45,17 @@ _OTHERS = {
 }
 
 
+def is_recorded(data: bytes) -> bool:
+    """Say whether bytes are of a format that only recorders and controllers write: all but plain tables of text."""
+    labview = data.removeprefix(b"\xef\xbb\xbf").startswith(b"LabVIEW Measurement")
+    npz = data.startswith(b"PK\x03\x04") and b"xl/" not in data and b".npy" in data
+    return labview or npz or is_universal(data) or _is_hdf5(data) or data.startswith(b"TDSm") or is_matlab(data)
+
+
+def _is_hdf5(data: bytes) -> bool:
+    return any(data.startswith(_HDF5, offset) for offset in (0, 512, 1024, 2048, 4096))
+
+
 def read_contents(path: Path, data: bytes) -> Contents:
     """Return what a file with these bytes holds; raise InputError, which says what it is, where it cannot be read."""
     if not data:
@@ -58,7 +69,7 @@ def read_contents(path: Path, data: bytes) -> Contents:
         return universal_contents(path, data)
     if data.startswith(b"PK\x03\x04"):
         raise InputError(f"{path}: {_zip_kind(data)}")
-    if any(data.startswith(_HDF5, offset) for offset in (0, 512, 1024, 2048, 4096)):
+    if _is_hdf5(data):
         return _guarded(path, "HDF5", data)
     if data.startswith(b"TDSm"):
         return _guarded(path, "TDMS", data)

@@ -37,8 +37,8 @@ from rths_cli.numerics.lti import Array
 from rths_cli.safe_text import LONGEST_NAME, shortened
 
 __all__ = [
-    "Chosen", "Recording", "RunChannels", "choose", "choose_of_run", "is_recorded", "mend", "missing", "read_recording",
-    "role_of", "write_recording",
+    "Chosen", "Recording", "RunChannels", "choose", "choose_of_run", "is_recorded", "mend", "missing",
+    "read_recording", "role_of", "write_recording",
 ]  # fmt: skip
 
 MAX_BYTES = 1_000_000_000

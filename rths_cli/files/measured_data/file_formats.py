@@ -48,8 +48,9 @@ _OTHERS = {
 def is_recorded(data: bytes) -> bool:
     """Say whether bytes are of a format that only recorders and controllers write: all but plain tables of text."""
     labview = data.removeprefix(b"\xef\xbb\xbf").startswith(b"LabVIEW Measurement")
-    npz = data.startswith(b"PK\x03\x04") and b"xl/" not in data and b".npy" in data
-    return labview or npz or is_universal(data) or _is_hdf5(data) or data.startswith(b"TDSm") or is_matlab(data)
+    return (
+        labview or _is_npz(data) or is_universal(data) or _is_hdf5(data) or data.startswith(b"TDSm") or is_matlab(data)
+    )
 
 
 def _is_hdf5(data: bytes) -> bool:
@@ -63,7 +64,7 @@ def read_contents(path: Path, data: bytes) -> Contents:
     for magic, what in _OTHERS.items():
         if data.startswith(magic):
             raise InputError(f"{path}: {what}")
-    if data.startswith(b"PK\x03\x04") and _first_member(data).endswith(b".npy"):
+    if _is_npz(data):
         return _guarded(path, "NumPy", data)
     if is_universal(data):
         return universal_contents(path, data)
@@ -78,9 +79,10 @@ def read_contents(path: Path, data: bytes) -> Contents:
     return text_contents(path, _decode(path, data))
 
 
-def _first_member(data: bytes) -> bytes:
-    """Return the name of the first file in a zip archive, whose samples may hold any bytes."""
-    return data[30 : 30 + int.from_bytes(data[26:28], "little")]
+def _is_npz(data: bytes) -> bool:
+    """Return whether a zip archive holds arrays, by the name of its first file: samples may be any bytes."""
+    name = data[30 : 30 + int.from_bytes(data[26:28], "little")]
+    return data.startswith(b"PK\x03\x04") and name.endswith(b".npy")
 
 
 def _zip_kind(data: bytes) -> str:

@@ -53,7 +53,7 @@ def test_what_the_csv_module_writes_is_read(tmp_path: Path, delimiter: str, quot
         ("time (s);command (V);table [m/s^2]", ("command (V)", "table [m/s^2]"), ("V", "m/s^2")),
         ("Made up;;\n;;\nt;u;acc\ns;mV;gal", ("u", "acc"), ("mV", "gal")),
         ("t;u;acc\n(s);(V);(ft/s2)", ("u", "acc"), ("V", "ft/s^2")),
-        ("t;u;force\nsec;mm;kN", ("u", "force"), ("", "")),
+        ("t;u;force\nsec;mm;kN", ("u", "force"), ("mm", "kN")),
         ("# operator: me\n# time;u;acc", ("u", "acc"), ("", "")),
         ("A title\nTime [sec];u;acc", ("u", "acc"), ("", "")),
     ],

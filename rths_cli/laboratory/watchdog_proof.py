@@ -7,7 +7,7 @@ The table is moved slowly, then nothing is sent any more; what happened is read 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
@@ -32,7 +32,7 @@ SHARE = 0.05  # of the stroke and of the converter's range that the table is mov
 FASTEST = 0.1  # of the limits of velocity and acceleration that the motion takes
 MOVING_S, HELD_S = 1.0, 0.2  # least time of the motion, time for which the command is held
 FOLLOWS, AT_ZERO = 0.01, 0.02  # of the motion, within which the output shows the command, and is at zero again
-RESTS_S = 2.0  # time in which a target leads its table to rest
+RESTS_S, SETTLES_S = 2.0, 3.0  # time in which a target leads its output to zero; further time until it states rest
 LATE_INTERVALS = 3  # after the watchdog's time, until the target's frames must show that it acted
 LATER = 0.1  # of the watchdog's time, likewise
 LOOK_S = 0.02  # interval of questions to a target that answers only
@@ -114,17 +114,22 @@ def silence(rig: PlainRig) -> Shown:
     """
     last_ns = int(rig.link.status[SENT_NS])
     borne_s = (rig.info.limits.lost_samples + 1) * rig.info.dt_s
-    until_s = rig.target.watchdog_s * (1.0 + LATER) + LATE_INTERVALS * rig.info.dt_s + RESTS_S
+    until_s = longest_s(rig.info) + RESTS_S + SETTLES_S
     frames: Shown = []
     if not rig.cable.of_target:
         time.sleep(max(borne_s - _since_s(last_ns), 0.0))
-    while (since_s := _since_s(last_ns)) < until_s:
+    while (since_s := _since_s(last_ns)) < until_s and not (frames and frames[-1][1].order == AT_REST):
         frame = rig.asked(min(LOOK_S, until_s - since_s))
         if frame is not None:
             frames.append((_since_s(last_ns), frame))
         if not rig.cable.of_target:
             time.sleep(LOOK_S)
     return frames
+
+
+def longest_s(info: RigInfo) -> float:
+    """Return until when after the last command the target's frames must show that its watchdog acted, in s."""
+    return info.watchdog_s * (1.0 + LATER) + LATE_INTERVALS * info.dt_s + LOOK_S
 
 
 def _since_s(time_ns: int) -> float:
@@ -154,29 +159,37 @@ def _faults(info: RigInfo, end_v: float, moved_v: float, frames: Shown, after: F
     if not frames:
         return ["the target sent no frame after the last command, so nothing shows what it did"]
     if abs(moved_v - end_v) > FOLLOWS * abs(end_v):
-        return [
-            f"its frames state an output of {moved_v:.4g} V for a command of {end_v:.4g} V (byte 32); nothing is shown"
-        ]
-    faults = []
-    left_s, rested_s = _times(frames, end_v)
-    longest_s = info.watchdog_s * (1.0 + LATER) + LATE_INTERVALS * info.dt_s + LOOK_S
-    shortest_s = (info.limits.lost_samples + 1) * info.dt_s
+        told = f"an output of {moved_v:.4g} V for a command of {end_v:.4g} V (byte 32)"
+        return [f"its frames state {told}; nothing is shown"]
+    return [*_faults_of_time(info, end_v, frames), *_faults_of_rest(info, end_v, frames, after)]
+
+
+def _faults_of_time(info: RigInfo, end_v: float, frames: Shown) -> Iterator[str]:
+    """Yield what is wrong with the time at which the watchdog acted, and with what it states."""
+    left_s, _ = _times(frames, end_v)
+    borne_s = (info.limits.lost_samples + 1) * info.dt_s
     if left_s is None:
-        faults.append(
-            f"the target still obeyed {frames[-1][0]:.2f} s after the last command: its watchdog does not act"
-        )
-    elif left_s > longest_s:
-        faults.append(f"it acted {left_s:.3g} s after the last command, watchdog_s is {info.watchdog_s:g}; correct one")
-    elif left_s < shortest_s and frames[0][0] < left_s:
-        borne = f"limits.lost_samples bears {shortest_s:.3g} s"
-        faults.append(f"it acted {left_s:.3g} s after the last command, {borne}; let the watchdog wait longer")
-    if left_s is not None and not any(frame.faults & WATCHDOG for _, frame in frames):
-        faults.append("it does not state fault 1 (watchdog), so a run could not tell why it ended")
-    if rested_s is None:
+        yield f"the target still obeyed {frames[-1][0]:.2f} s after the last command: its watchdog does not act"
+        return
+    acted = f"it acted {left_s:.3g} s after the last command"
+    if left_s > longest_s(info):
+        yield f"{acted}, watchdog_s is {info.watchdog_s:g}; correct one"
+    elif left_s < borne_s and frames[0][0] < left_s:
+        yield f"{acted}, limits.lost_samples bears {borne_s:.3g} s; let the watchdog wait longer"
+    if not any(frame.faults & WATCHDOG for _, frame in frames):
+        yield "it does not state fault 1 (watchdog), so a run could not tell why it ended"
+
+
+def _faults_of_rest(info: RigInfo, end_v: float, frames: Shown, after: Frame | None) -> Iterator[str]:
+    """Yield what is wrong with the way to rest, and with what follows it."""
+    zero_v, most_s = AT_ZERO * abs(end_v), longest_s(info) + RESTS_S
+    small = [since_s for since_s, frame in frames if abs(frame.command_v) <= zero_v]
+    if small and small[0] > most_s:
+        yield f"its output came to 0 only {small[0]:.3g} s after the last command, at most {most_s:.3g}"
+    if _times(frames, end_v)[1] is None:
         worst = max(abs(frame.command_v) for _, frame in frames[-3:])
-        faults.append(f"its output was {worst:.4g} V at the end of the silence, not 0: its table was not led to rest")
-    elif after is None or after.order != AT_REST or abs(after.command_v) > AT_ZERO * abs(end_v):
-        faults.append("it obeyed a command of the session that its watchdog had ended, or stated nothing after it")
+        yield f"its output was {worst:.4g} V at the end, and it did not state that it is at rest: it is not led to 0"
+    elif after is None or after.order != AT_REST or abs(after.command_v) > zero_v:
+        yield "it obeyed a command of the session that its watchdog had ended, or stated nothing after it"
     if max(abs(frame.command_v) for _, frame in frames) > (1.0 + FOLLOWS) * abs(end_v):
-        faults.append("its output went beyond the last command on the way to rest")
-    return faults
+        yield "its output went beyond the last command on the way to rest"

@@ -36,9 +36,10 @@ BASE, LAST, SEEN, STATE, FAULTS, TARGET_LOST, SENT_NS, RECEIVED_NS, SAMPLED_NS, 
 
 # indices in Link.plain: 1 on a plain link (docs/reference/plain_link.md), 0 on a keyed one; 1 where the target has the
 # clock; number of the session; how many answers echoed a command, and the least and the sum of intervals
-# between it and the answer
-PLAIN, OF_TARGET, SESSION, ECHOES, LEAST_LATENCY, LATENCIES = range(6)
-PLAIN_PLACES = 6
+# between it and the answer; that of the newest answer (0: it echoed none); answers in a row waited for
+PLAIN, OF_TARGET, SESSION, ECHOES, LEAST_LATENCY, LATENCIES, NEWEST_LATENCY, IN_STEP = range(8)
+PLAIN_PLACES = 8
+STEPS_IN_STEP = 8  # answers in a row that were waited for, from which their commands left in time
 
 _send = external("send", "intp", "intc", "uintp", "uintp", "intc")
 _recv = external("recv", "intp", "intc", "uintp", "uintp", "intc")
@@ -222,15 +223,18 @@ def is_plain_answer(link: Link, size: int, sequence: int, now: int) -> bool:
         return False
     for c in range(link.samples_v.size):
         link.samples_v[c] = plain_frames.get_real(frame, plain_frames.SAMPLES_V + 8 * c)
-    if echo > 0 and link.status[STATE] == plain_frames.RUNNING:
-        note_latency(plain, number - echo)
+    plain[NEWEST_LATENCY] = number - echo if echo > 0 and link.status[STATE] == plain_frames.RUNNING else 0
     return True
 
 
 @part
-def note_latency(plain: IntArray, intervals: int) -> None:
-    """Note how many intervals before its answer the command left that acted."""
-    plain[LEAST_LATENCY] = intervals if plain[ECHOES] == 0 else min(plain[LEAST_LATENCY], intervals)
+def note_latency(plain: IntArray, waited: bool) -> None:
+    """Note after how many intervals a command acted, unless the runner itself is late: then frames wait for it."""
+    plain[IN_STEP] = plain[IN_STEP] + 1 if waited or plain[OF_TARGET] == 0 else 0
+    if plain[IN_STEP] < STEPS_IN_STEP or plain[NEWEST_LATENCY] == 0:
+        return
+    first, intervals = plain[ECHOES] == 0, plain[NEWEST_LATENCY]
+    plain[LEAST_LATENCY] = intervals if first else min(plain[LEAST_LATENCY], intervals)
     plain[LATENCIES] += intervals
     plain[ECHOES] += 1
 
@@ -264,9 +268,10 @@ def converse(link: Link, kind: int, k: int, command_v: float, deadline_ns: int) 
     sequence = link.status[BASE] + k
     now = post(link, kind, sequence, command_v)
     sleep_ns = now + link.spin_ns
-    outcome = -1
+    outcome, waited = -1, False
     while outcome < 0:
         size = receive(link)
+        waited = waited or size < 0
         now = monotonic_ns(link.scratch)
         if size >= 0 and is_answer(link, size, sequence, now):
             outcome = OK
@@ -274,6 +279,8 @@ def converse(link: Link, kind: int, k: int, command_v: float, deadline_ns: int) 
             outcome = LOST
         elif size < 0 and now > sleep_ns:
             wait(link, deadline_ns - now)
+    if outcome == OK and link.plain[PLAIN] == 1:
+        note_latency(link.plain, waited)
     link.counts[ANSWERED if outcome == OK else UNANSWERED] += 1
     link.counts[IN_A_ROW] = 0 if outcome == OK else link.counts[IN_A_ROW] + 1
     return FAULT if link.status[FAULTS] != 0 or link.status[STATE] != packets.ARMED else outcome

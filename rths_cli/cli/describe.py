@@ -125,6 +125,7 @@ def new(words: tuple[str, ...], like: str | None, as_json: bool) -> int:
     type=click.Choice(["mean", "linear", "polynomial", "step", "none"]),
     help="Show the record without its mean, line, parabola or step at an end, as a case with this key takes it.",
 )
+@click.option("--rig", metavar="NAME|FILE", help="Say the largest scale that its table can play, and what limits it.")
 @json_option
 def records(
     record: tuple[str, ...],
@@ -133,23 +134,30 @@ def records(
     component: str | None,
     scale: tuple[str, ...],
     baseline: str | None,
+    rig: str | None,
     as_json: bool,
 ) -> int:
     """Show a ground motion: peaks, intensity, durations, what is wrong with it, response spectrum; of several, or of a
-    file of several components, a row for each. Without RECORD: list those that are known.
+    file of several components, a row for each. A folder stands for all records in it. Without RECORD: list those that
+    are known.
 
     Example: rths records el_centro
     """
     if not record:
         if scale:
             raise click.UsageError("--scale compresses one record; name it: rths records RECORD --scale length=2.4")
+        if rig:
+            raise click.UsageError("--rig needs a record or a folder of records; name it.")
         return show_list("records", as_json)
     from rths_cli.case.structure_schema import read_scale
     from rths_cli.laboratory.listing import components_of, show
 
-    of_model = read_scale(scale)
-    if component is None and len(record) > 1:
-        return _show_motions(record, lambda name: components_of(name, unit, dt_s, of_model, baseline), as_json)
+    of_model, folders = read_scale(scale), any(Path(name).is_dir() for name in record)
+    record = _in_folders(record)
+    if component is None and (len(record) > 1 or folders or rig):
+        return _show_motions(record, lambda name: components_of(name, unit, dt_s, of_model, baseline, rig), as_json)
+    if rig:
+        raise click.UsageError("--rig takes every component of a file; leave out --component.")
     if component is None:
         found = components_of(record[0], unit, dt_s, of_model, baseline)
         if len(found) > 1:
@@ -159,6 +167,13 @@ def records(
     document, text = show(record[0], unit, dt_s, page_width(), of_model, baseline, component)
     click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
     return 0
+
+
+def _in_folders(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the records that are named, those of a folder in its place; raises InputError for one without any."""
+    from rths_cli.studies.record_sets import records_of
+
+    return tuple(each for name in names for each in (records_of(name, Path.cwd()) if Path(name).is_dir() else (name,)))
 
 
 def _show_motions(names: Sequence[str], examine: Callable[[str], list[dict[str, Any]]], as_json: bool) -> int:

@@ -30,11 +30,13 @@ from rths_cli.experiment.ground_motion import (
 )
 from rths_cli.experiment.record_defects import defects
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram, read_components
+from rths_cli.laboratory.playable_scale import playable
 from rths_cli.numerics.lti import Array
 from rths_cli.structure import similitude_of
 from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
+    from rths_cli.case.rig_schema import RigSpec
     from rths_cli.case.structure_schema import ScaleSpec
 
 Details = Mapping[str, Any]
@@ -169,18 +171,23 @@ def show(
 
 
 def components_of(
-    name: str, unit: str | None, dt_s: float | None, scale: ScaleSpec | None = None, baseline: str | None = None
-) -> list[dict[str, Any]]:
-    """Return what `show` says of every component of a record's file; raises InputError if it cannot be read."""
+    name: str, unit: str | None, dt_s: float | None, scale: ScaleSpec | None = None, baseline: str | None = None,
+    rig: str | None = None,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Return what `show` says of every component of a record's file, and with a `rig` the largest scale that its table
+    can play; raises InputError if one of them cannot be read."""
     path = _found(name)
-    return [_examined(path, each, scale, baseline) for each in read_components(path, unit, dt_s)]
+    table = None if rig is None else load_rig(find(rig, "rigs", Path.cwd()))
+    return [_examined(path, each, scale, baseline, table) for each in read_components(path, unit, dt_s)]
 
 
 def _found(name: str) -> Path:
     return find(name, "records", Path.cwd()) if is_bare(name) else Path(name)
 
 
-def _examined(path: Path, accelerogram: Accelerogram, scale: ScaleSpec | None, baseline: str | None) -> dict[str, Any]:
+def _examined(
+    path: Path, accelerogram: Accelerogram, scale: ScaleSpec | None, baseline: str | None, table: RigSpec | None = None
+) -> dict[str, Any]:
     """Return all that is told of a component, its baseline removed and compressed as asked."""
     accelerogram = without_baseline(accelerogram, baseline)
     similitude = similitude_of(scale) if scale is not None else None
@@ -197,6 +204,8 @@ def _examined(path: Path, accelerogram: Accelerogram, scale: ScaleSpec | None, b
     facts |= {"file": str(path), "format": accelerogram.format, "unit": accelerogram.unit_read}
     facts |= {"station": accelerogram.station, "component": accelerogram.component}
     facts |= {"corrected": accelerogram.corrected, "measures": asdict(found), "defects": _defects(path, accelerogram)}
+    if table is not None:
+        facts |= {"playable": asdict(playable(accelerogram, table))}
     return facts | ({"scale_factors": similitude.factors} if similitude is not None else {})
 
 

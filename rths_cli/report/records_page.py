@@ -34,6 +34,10 @@ def document(found: Sequence[Mapping[str, Any]], faults: Sequence[str] = ()) -> 
         (Column(name, unit=unit), [f"{factor * one['measures'][key]:.4g}" for one in found])
         for name, unit, key, factor in COLUMNS
     ]
+    if "playable" in found[0]:
+        played = [one["playable"] for one in found]
+        words.append((Column("limited by", words=True), [one["limited_by"] for one in played]))
+        numbers.insert(0, (Column("largest scale"), [f"{one['largest_scale']:.3g}" for one in played]))
     table = by_columns("record", labels, [*words, *numbers])
     notes: list[Block] = [
         Line(f"{label} {one['component']}: {text}".replace(" : ", ": "))

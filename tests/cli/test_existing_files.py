@@ -20,6 +20,7 @@ from tests.helpers.page_results import write as write_result
 
 CASE = "el_centro_low_ff_fb"
 SHORT = ("--set", "record.file=short.csv")
+SUITE = ("--records", "suite", "--limit", "drift_m=0.002", "--on", "sim", "--hunt", "--levels", "0.3:1.2:5")
 QUICK = ("--set", "identification.duration_s=40")
 
 
@@ -45,6 +46,8 @@ COMMANDS = {
     "export csv": Writes(("export", "demo.h5", "--to", "csv"), "exported/demo.exp_rths.csv"),
     "export mat": Writes(("export", "demo.h5", "--to", "mat"), "exported/demo.mat"),
     "structure --figure": Writes(("structure", "three_storey", "--figure", "s.pdf"), "s.pdf"),
+    "ida": Writes(("ida", CASE, *SUITE), f"sweeps/{CASE}-ida.h5"),
+    "ida --figures": Writes(("ida", CASE, *SUITE, "--output", "i.h5", "--figures", "g"), "g/i-ida.svg"),
 }
 """Every command that writes files that may be replaced, and each kind of file."""
 NEVER = {"calibrate", "new", "recover", "serve"}
@@ -80,6 +83,11 @@ def rths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     lines = (Path(__file__).parents[2] / "records" / "el_centro.csv").read_text().splitlines()
     values = [line for line in lines if not line.startswith("#")][:300]
     (tmp_path / "short.csv").write_text("\n".join(["# units: cm/s^2", "# dt: 0.02 s", *values]) + "\n")
+    (tmp_path / "suite").mkdir()
+    every = [line for line in lines if not line.startswith("#")]
+    for first in (0, 300, 600):
+        part = "\n".join(["# units: cm/s^2", "# dt: 0.02 s", *every[first : first + 300]])
+        (tmp_path / "suite" / f"{first}.csv").write_text(part + "\n")
     write_result(tmp_path / "demo.h5")
     write_result(tmp_path / "sims.h5", runs=("sim", "sim_delay"))
     monkeypatch.chdir(tmp_path)
@@ -119,7 +127,9 @@ def test_the_rule_of_existing_files(rths: Call, command: str) -> None:
         code, said = rths(*words)
         assert code == 2 and path.read_bytes() == made, (kind, said)
         told = f"{file}: exists and holds measured data, which are never replaced; choose another name"
-        assert told in said or (command == "sweep" and "is no result of a sweep, which alone is replaced" in said)
+        assert told in said or (
+            command in ("sweep", "ida") and "is no result of a sweep, which alone is replaced" in said
+        )
 
 
 def test_every_command_is_in_the_rule() -> None:

@@ -37,6 +37,7 @@ LEFT_OUT = {
     "howto/channels.md": ["a part of a rig file", "needs the rig"],
     "howto/recordings.md": ["needs a recording of a whole specimen; tests/cli/test_identify.py makes one"],
     "howto/own_law.md": ["a part of a package's pyproject.toml"],
+    "howto/structure_as_matrices.md": ["needs OpenSees", "needs files of SAP2000"],
 }
 NEEDS_A_RIG = "moves a rig behind UDP, or measures the machine, in real time; tests/rigs and tests/experiment do"
 PACKAGE = "needs an installed package; tests/cli/test_plugin.py installs the one that the page shows"
@@ -86,6 +87,7 @@ def test_the_pages_that_are_run_as_written_are_these() -> None:
             "read_the_pages",
             "reading_results",
             "recordings",
+            "structure_as_matrices",
             "write_a_case",
         )
     }

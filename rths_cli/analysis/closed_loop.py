@@ -377,19 +377,19 @@ def open_loop_of_building(building: Building) -> StateSpace:
     """
     specimen, numerical = building.specimen, building.numerical
     n, p = len(specimen.masses_kg), len(numerical.masses_kg)
-    inverse, own = 1.0 / specimen.masses_kg[:, None], 1.0 / numerical.masses_kg[:, None]
+    inverse, pushed = 1.0 / specimen.masses_kg[:, None], numerical.per_force[:, None]
     shear = np.concatenate([specimen.K.sum(axis=0), specimen.C.sum(axis=0)])
-    motion = -np.hstack([own * numerical.K, own * numerical.C])
+    motion = -np.hstack([numerical.per_mass(numerical.K), numerical.per_mass(numerical.C)])
     a = np.zeros((2 * (n + p), 2 * (n + p)))
     a[:n, n : 2 * n] = np.eye(n)
     a[n : 2 * n, : 2 * n] = -np.hstack([inverse * specimen.K, inverse * specimen.C])
     a[2 * n : 2 * n + p, 2 * n + p :] = np.eye(p)
     a[2 * n + p :, 2 * n :] = motion
-    a[-1, : 2 * n] = own[-1, 0] * shear
-    high = -building.interface_experimental_mass_kg * own[-1, 0]
+    a[2 * n + p :, : 2 * n] = pushed * shear + 0.0  # no zero with a sign
+    high = -building.interface_experimental_mass_kg * float(pushed[-1, 0])
     b = np.zeros((len(a), 1))
     b[n : 2 * n, 0] = -1.0
-    b[-1, 0] = high
+    b[2 * n + p :] = -building.interface_experimental_mass_kg * pushed + 0.0
     c = a[-1:].copy()
     return StateSpace(a, b, c, np.array([[high]]))
 

@@ -141,13 +141,14 @@ def lines_for(
 def sim_lines(building: Building, lines: Lines, ground: ComplexArray) -> ComplexArray:
     """Return the absolute accelerations (n_storeys, m) in m/s^2 for lines (m,) of the ground acceleration (Eq. 2.1).
 
-    The ground acceleration is linear between samples. The building continues to vibrate after the record, like the
-    lines of the hybrid test. If only one of the two broke off there, the test band's filter would spread their
-    difference into the record's last tenth of a second.
+    A reduced frame counts with all of its degrees of freedom. The ground acceleration is linear between samples. The
+    building continues to vibrate after the record, like the lines of the hybrid test. If only one of the two broke off
+    there, the test band's filter would spread their difference into the record's last tenth of a second.
     """
-    n = len(building.M)
-    a, b = state_equation(building.M, building.C, building.K)
-    block = discretise(StateSpace(a, b, a[n:], np.zeros((n, 1))), lines.dt_s, "foh", "sim", (), ())
+    whole, rows = building.unreduced, building.rows_of_unreduced
+    n = len(whole.M)
+    a, b = state_equation(whole.M, whole.C, whole.K, whole.influence)
+    block = discretise(StateSpace(a, b, a[n:][rows], np.zeros((len(rows), 1))), lines.dt_s, "foh", "sim", (), ())
     return np.asarray(block.response(lines.frequency_hz)[:, 0] * ground)
 
 

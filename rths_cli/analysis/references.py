@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from rths_cli.analysis.frame_sim import simulate_unreduced
 from rths_cli.analysis.nonlinear_sim import simulate_with_laws
 from rths_cli.analysis.nonlinear_sim_delay import simulate_delayed_with_laws
 from rths_cli.analysis.sim import Response, simulate
@@ -38,6 +39,12 @@ class Reference:
         return tuple(name for name in self.needs if not getattr(building, name, False))
 
 
+def _modal(building: Building, dt_s: float, ground_accel_m_s2: Array) -> Response:
+    """Return SIM of a linear building, with all degrees of freedom of its frame where that is reduced for the loop."""
+    solve = simulate_unreduced if getattr(building, "reduced", False) else simulate
+    return solve(building, dt_s, ground_accel_m_s2)
+
+
 def _modal_delayed(
     building: Building, dt_s: float, ground_accel_m_s2: Array, delay_s: float, sim: Response
 ) -> DelayedResponse:
@@ -51,7 +58,7 @@ def _delayed_with_laws(
 
 
 REFERENCES = (
-    Reference("exact modes", ("linear",), simulate, _modal_delayed),
+    Reference("exact modes", ("linear",), _modal, _modal_delayed),
     Reference("laws of storeys", ("has_laws",), simulate_with_laws, _delayed_with_laws),
 )
 """Every reference, the one that is preferred first."""

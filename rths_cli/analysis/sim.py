@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import expm, matrix_balance
 
 from rths_cli.errors import InputError
-from rths_cli.numerics.lti import Array, ComplexArray, driven_modes
+from rths_cli.numerics.lti import Array, ComplexArray, Integers, driven_modes
 from rths_cli.structure import Building
 
 _LARGEST_EIGENVECTOR_CONDITION = 1e6  # beyond it the modal sum loses six digits: use the matrix recursion
@@ -62,7 +62,7 @@ def simulate(building: Building, dt_s: float, ground_accel_m_s2: ArrayLike) -> R
     """
     record = checked_record(dt_s, ground_accel_m_s2)
     check_size(len(building.M), len(record), dt_s)
-    A, B = state_equation(building.M, building.C, building.K)
+    A, B = state_equation(building.M, building.C, building.K, building.influence)
     n = len(building.M)
     solved = modal_states(A, B, dt_s, record)
     if solved is None:
@@ -113,11 +113,14 @@ def checked_record(dt_s: float, ground_accel_m_s2: ArrayLike) -> Array:
     return record
 
 
-def state_equation(M: Array, C: Array, K: Array) -> tuple[Array, Array]:
-    """Return A (2n, 2n), B (2n, 1) of M d2x + C dx + K x = -M 1 a, state [x, dx]; A[n:] gives d2x + a."""
+def state_equation(M: Array, C: Array, K: Array, influence: Array | None = None) -> tuple[Array, Array]:
+    """Return A (2n, 2n), B (2n, 1) of M d2x + C dx + K x = -M r a, state [x, dx]; A[n:] gives d2x + r a.
+
+    `influence` r (n,): None stands for ones.
+    """
     n = len(M)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
-    return A, np.concatenate([np.zeros((n, 1)), -np.ones((n, 1))])
+    return A, np.concatenate([np.zeros((n, 1)), -(np.ones((n, 1)) if influence is None else influence[:, None])])
 
 
 def hold_matrices(A: Array, B: Array, h_s: float, degree: int) -> tuple[Array, list[Array]]:
@@ -148,13 +151,13 @@ def modal_states(A: Array, B: Array, dt_s: float, record: Array) -> tuple[Array,
     participation = np.linalg.solve(vectors, (B / scale[:, None]).astype(vectors.dtype))[:, 0]
     kept = np.flatnonzero(eigenvalues.imag >= 0)
     weights = scale[:, None] * vectors[:, kept] * np.where(eigenvalues[kept].imag > 0, 2.0, 1.0)
-    modal = _modes(eigenvalues[kept], participation[kept].astype(complex), dt_s, record).reshape(2 * len(kept), -1)
+    modal = held_modes(eigenvalues[kept], participation[kept].astype(complex), dt_s, record).reshape(2 * len(kept), -1)
     rates = (weights * eigenvalues[kept])[len(A) // 2 :]  # slow modes keep their digits beside fast ones
     states, accel = (np.hstack([rows.real, -rows.imag]) @ modal for rows in (weights, rates))
     return states, accel
 
 
-def _modes(eigenvalues: ComplexArray, participation: ComplexArray, dt_s: float, record: Array) -> Array:
+def held_modes(eigenvalues: ComplexArray, participation: ComplexArray, dt_s: float, record: Array) -> Array:
     """Solve dz/dt = eigenvalue z + participation a_g from rest for modes (m,): real and imaginary part (2, m, n)."""
     poles, starts, slopes = np.zeros((3, len(eigenvalues)), dtype=complex)
     for i, (eigenvalue, drive) in enumerate(zip(eigenvalues, participation, strict=True)):
@@ -187,10 +190,23 @@ def accumulated_residual(A: Array, B: Array, dt_s: float, record: Array, states:
     """
     if len(record) < 2:
         return 0.0
+    k = sampled_steps(len(record))
+    return residual_of_steps(A, B, dt_s, record, (k, states[:, k], states[:, k + 1]), peaks)
+
+
+def sampled_steps(samples: int) -> Integers:
+    """Return the steps (c,) of a record whose residuals are computed."""
+    return np.unique(np.floor(np.linspace(0, samples - 2, _CHECKED_STEPS))).astype(int)
+
+
+def residual_of_steps(
+    A: Array, B: Array, dt_s: float, record: Array, steps: tuple[Integers, Array, Array], peaks: Array
+) -> float:
+    """Return what `accumulated_residual` does, for steps (c,) with the states (2n, c) before and after each."""
     transition, (start, slope) = hold_matrices(A, B, dt_s, 1)
-    k = np.unique(np.floor(np.linspace(0, len(record) - 2, _CHECKED_STEPS))).astype(int)
-    step = transition @ states[:, k] + start * record[k] + slope * (record[k + 1] - record[k])
-    residual = states[:, k + 1] - step
+    k, before, after = steps
+    step = transition @ before + start * record[k] + slope * (record[k + 1] - record[k])
+    residual = after - step
     beyond = np.where(np.abs(residual) > _ROUNDED * peaks[: len(A), None], residual, 0.0)
     outputs = np.abs(np.concatenate([residual, A[len(A) // 2 :] @ beyond])).max(axis=1)
     decay = 1.0 - np.abs(np.linalg.eigvals(transition)).max()

@@ -336,7 +336,7 @@ def _first_substeps(
     rate, name = max(rates)
     needed = max(1, math.ceil(dt_s * rate / _LARGEST_PHASE_PER_SUBSTEP))
     fastest = _Fastest(rate, name, needed)
-    if building.interface_experimental_mass_kg >= building.numerical.masses_kg[-1]:
+    if building.interface_experimental_mass_kg >= building.numerical.interface_mass_kg:
         needed = max(needed, math.ceil(min(dt_s / delay_s, _MOST_SUBSTEPS_PER_SAMPLE)))
     return needed, fastest
 
@@ -348,7 +348,8 @@ def _rate(dt_s: float) -> Callable[[complex], float]:
 
 def _state_matrices(part: Numerical | Specimen) -> tuple[Array, Array]:
     """Return A, B of a substructure for the acceleration of its base."""
-    return state_equation(np.diag(part.masses_kg), part.C, part.K)
+    influence = part.influence if isinstance(part, Numerical) else None
+    return state_equation(part.mass_matrix, part.C, part.K, influence)
 
 
 def _basis(part: Numerical | Specimen) -> _Basis:
@@ -371,7 +372,7 @@ def _numerical_part(building: Building, basis: _Basis, h_s: float) -> Part:
     """Prepare Eq. 2.3: inputs ground acceleration (linear) and delayed force (cubic), output a1."""
     A, B = _state_matrices(building.numerical)
     force_in = np.zeros((len(A), 1))
-    force_in[-1] = 1.0 / building.numerical.masses_kg[-1]
+    force_in[len(A) // 2 :, 0] = building.numerical.per_force
     start, slope, _, _ = _moments(basis, B, h_s)
     G = np.hstack([start - slope, slope, *_hermite(_moments(basis, force_in, h_s))])
     a1 = basis.derivative(basis.T)[-1:]
@@ -493,7 +494,10 @@ def _motions(building: Building, bases: tuple[_Basis, _Basis]) -> Callable[[Arra
 
     def motions(numbers: Array) -> tuple[Array, Array, Array]:
         y, z = own @ numbers[:, :split].T, top @ numbers[:, split:-1].T
-        y[-1] += numbers[:, -1] / building.numerical.masses_kg[-1]
+        if building.numerical.M is None:
+            y[-1] += numbers[:, -1] / building.numerical.masses_kg[-1]
+        else:
+            y[2 * p :] += np.outer(building.numerical.per_force, numbers[:, -1])
         z[:n] += y[p - 1]
         z[n : 2 * n] += y[2 * p - 1]
         disp, vel, accel = (np.concatenate([y[i * p : (i + 1) * p], z[i * n : (i + 1) * n]]) for i in range(3))

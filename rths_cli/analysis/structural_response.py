@@ -23,9 +23,11 @@ def storey_shear_n(masses_kg: Array, abs_accel_m_s2: Array) -> Array:
 
     By equilibrium the shear of a storey is what its spring and dashpot do to the floors above, -sum m_j a_j over floors
     j from that storey up; it has the sign of the drift. The first is the base shear of the building. `masses_kg`
-    (n_storeys,), `abs_accel_m_s2` (n_storeys, n) from the lowest floor up.
+    (n_storeys,), of a frame the rows of its mass matrix (n_storeys, n_storeys); `abs_accel_m_s2` (n_storeys, n) from
+    the lowest floor up.
     """
-    inertia = -np.asarray(masses_kg)[:, None] * abs_accel_m_s2
+    masses = np.asarray(masses_kg)
+    inertia = -(masses @ abs_accel_m_s2) if masses.ndim == 2 else -masses[:, None] * abs_accel_m_s2
     return np.asarray(np.cumsum(inertia[::-1], axis=0)[::-1])
 
 
@@ -64,10 +66,11 @@ class Peaks:
         return np.asarray(self.inter_storey_drift_m / np.asarray(heights_m))
 
 
-def peaks(masses_kg: Array, rel_disp_m: Array, abs_accel_m_s2: Array) -> Peaks:
-    """Return the peaks of a response: masses (n_storeys,), series (n_storeys, n) from the lowest floor up."""
+def peaks(masses_kg: Array, rel_disp_m: Array, abs_accel_m_s2: Array, mass_kg: float | None = None) -> Peaks:
+    """Return the peaks of a response: masses as of `storey_shear_n`, series (n_storeys, n) from the lowest floor up;
+    `mass_kg` of the whole building, None: their sum."""
     drift, shear = inter_storey_drift_m(rel_disp_m), storey_shear_n(masses_kg, abs_accel_m_s2)
-    weight_n = float(np.sum(masses_kg)) * STANDARD_GRAVITY_M_S2
+    weight_n = (float(np.sum(masses_kg)) if mass_kg is None else mass_kg) * STANDARD_GRAVITY_M_S2
     return Peaks(_largest(abs_accel_m_s2), _largest(rel_disp_m), _largest(drift), _largest(shear), weight_n)
 
 

@@ -427,7 +427,7 @@ class Case(CaseKeys):
 
     @property
     def n_storeys(self) -> int:
-        """Return the number of storeys of the total structure."""
+        """Return the number of storeys of the total structure; of a frame whose matrices are not read, of the table."""
         return len(self.structure.numerical.masses_kg) + len(self.structure.experimental.masses_kg)
 
     @property

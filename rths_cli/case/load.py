@@ -314,6 +314,8 @@ def _structure_file(name: str) -> Path:
 def resolved_yaml(case: Case) -> str:
     """Return a case with defaults filled in and names looked up, as YAML that loads to the same case."""
     data = case.model_dump(exclude={"path", "yaml_text"}, exclude_none=True)
+    if not case.structure.numerical.masses_kg:  # of matrices that nobody has read yet
+        del data["structure"]["numerical"]["masses_kg"]
     record = case.record.path
     if record.parent == shipped("records"):
         data["record"]["file"] = record.stem

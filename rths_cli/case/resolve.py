@@ -16,6 +16,7 @@ from rths_cli.case.field_types import near
 from rths_cli.case.named_files import find, kind_of_tree, no_case
 from rths_cli.case.real_rig_overrides import is_real, made_real, over_real_rig, set_inside
 from rths_cli.case.recorded_run_schema import RECORDED_RUNS
+from rths_cli.case.structure_schema import OF_MATRICES
 from rths_cli.case.yaml_reader import Fault, Mark, Node, Source, display, parse, plain, printable, read_file
 from rths_cli.errors import InputError
 from rths_cli.numerics.bands import with_test_band
@@ -40,8 +41,10 @@ RIVALS = {
     "natural_frequencies_hz": ("stiffness_n_per_m",),
     "stiffness_n_per_m": ("natural_frequencies_hz",),
     "damping_ratios": ("dashpots_n_s_per_m",),
-    "first_mode_ratio": ("dashpots_n_s_per_m",),
-    "dashpots_n_s_per_m": ("damping_ratios", "first_mode_ratio"),
+    "first_mode_ratio": ("dashpots_n_s_per_m", *OF_MATRICES),
+    "dashpots_n_s_per_m": ("damping_ratios", "first_mode_ratio", *OF_MATRICES),
+    "matrices": ("masses_kg", "stiffness_n_per_m", "law"),
+    **{key: ("first_mode_ratio", "dashpots_n_s_per_m", *(set(OF_MATRICES) - {key})) for key in OF_MATRICES},
 }
 Setting = tuple[tuple[str, ...], Node]
 NOTHING_TYPED: Mapping[str, str] = {}
@@ -216,12 +219,15 @@ def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:
             children[key] = node or children[key]
     if "structure" in children:
         children["structure"] = _with_law_files(children["structure"], "structure.", faults)
+        children["structure"] = _with_matrix_files(children["structure"], "structure.", faults)
     for key in ("record", "controller"):
         if key in children:
             children[key] = _long_form(children[key], SHORT_FORMS[key])
     if "controller" in children:
         children["controller"] = _with_law_file(children["controller"], "controller", faults)
     _expand_damping(children, faults, lost)
+    if "damping" in children and isinstance(children["damping"].value, dict):
+        children["damping"] = _with_file_at(children["damping"], ("matrix",), "damping", faults)
     expand_filter_choice(children)
     expand_test_band(children, faults, lost)
     if "table" not in lost:
@@ -242,7 +248,7 @@ def expand_file(path: Path, kind: str) -> tuple[Node | None, list[Fault]]:
         node = _with_calibration(node, "", faults)
         node = _with_whole_paths(node) if is_real(node) else node
     elif node is not None and kind == "structures":
-        node = _with_law_files(node, "", faults)
+        node = _with_matrix_files(_with_law_files(node, "", faults), "", faults)
     return node, faults
 
 
@@ -490,6 +496,30 @@ def _with_law_file(law: Node, key: str, faults: list[Fault]) -> Node:
         faults.append(Fault(stated.mark, f"{key}.sha256", told))
     checksum = stated or Node(found, node.mark, node.key_mark)
     return replace(law, value={**law.children, "file": replace(node, value=path), "sha256": checksum})
+
+
+def _with_matrix_files(structure: Node, above: str, faults: list[Fault]) -> Node:
+    """Return a structure with the absolute path and the checksum of every file of a matrix that it names."""
+    for name in ("mass", "stiffness", "influence"):
+        structure = _with_file_at(structure, ("numerical", "matrices", name), above.rstrip("."), faults)
+    for level in structure.children["damping_levels"].children if "damping_levels" in structure.children else ():
+        structure = _with_file_at(structure, ("damping_levels", level, "matrix"), above.rstrip("."), faults)
+    return structure
+
+
+def _with_file_at(node: Node, keys: tuple[str, ...], above: str, faults: list[Fault]) -> Node:
+    """Return a mapping in which the name of a file at nested keys is a mapping with its path and checksum."""
+    below = node.children.get(keys[0])
+    if below is None:
+        return node
+    where = f"{above}.{keys[0]}".lstrip(".")
+    if len(keys) > 1:
+        found = _with_file_at(below, keys[1:], where, faults) if isinstance(below.value, dict) else below
+    elif below.value == "ones" or not isinstance(below.value, str | dict):
+        found = below
+    else:
+        found = _with_law_file(_long_form(below, "file"), where, faults)
+    return replace(node, value={**node.children, keys[0]: found})
 
 
 def _whole_path(node: Node) -> Node:

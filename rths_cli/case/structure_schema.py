@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError, field_validator
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, field_validator
 
 from rths_cli.case.field_types import Problem, Range, Strict, count, entry, exactly_one, listed, number, same_length
+from rths_cli.case.matrices_schema import MatricesSpec, NamedMatrix, RayleighSpec
 from rths_cli.case.storey_law_schema import StoreyLaws
 from rths_cli.errors import InputError
 
@@ -50,12 +51,27 @@ NumericalStiffness = Annotated[
 ]
 
 
+OF_MATRICES = ("modal", "rayleigh", "matrix")
+"""Keys of the damping of a numerical substructure that is given by matrices."""
+
+
+def _one_ratio_as_list(value: object) -> object:
+    return (value,) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
 class DampingSpec(Strict):
-    """Hold the numerical storeys' damping: the total structure's first modal ratio, or dashpots (p,)."""
+    """Hold the numerical substructure's damping: of storeys the total structure's first modal ratio, or dashpots (p,);
+    of matrices modal or Rayleigh damping of the frame by itself, or its damping matrix."""
 
     wanted: ClassVar[str] = "the name of a level, or a mapping such as {first_mode_ratio: 0.03}"
 
-    model_config = ConfigDict(json_schema_extra=_one_of(("first_mode_ratio", "dashpots_n_s_per_m")))
+    model_config = ConfigDict(
+        json_schema_extra={
+            "allOf": [
+                {"oneOf": [{"required": [key]} for key in ("first_mode_ratio", "dashpots_n_s_per_m", *OF_MATRICES)]}
+            ]
+        }
+    )
 
     name: str = Field(default="inline", description="label in tables; a level of a structure is named by its key")
     first_mode_ratio: Annotated[float, Range(gt=0, lt=1)] | None = Field(
@@ -64,22 +80,51 @@ class DampingSpec(Strict):
     dashpots_n_s_per_m: tuple[Dashpot, ...] | None = _maybe_per_storey(
         "instead of first_mode_ratio: one per numerical storey, from the ground"
     )
+    modal: Annotated[tuple[Ratio, ...], BeforeValidator(_one_ratio_as_list)] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=MAX_STOREYS,
+        description="of matrices: damping ratios of the frame by itself, mode 1 first; the last one, or a single "
+        "number, holds for all further modes",
+    )
+    rayleigh: RayleighSpec | None = Field(default=None, description="of matrices: C = a M + b K of the frame")
+    matrix: NamedMatrix | None = Field(default=None, description="of matrices: file of the frame's damping matrix C")
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
-        yield from exactly_one(data, "first_mode_ratio", "dashpots_n_s_per_m")
+        given = [key for key in ("first_mode_ratio", "dashpots_n_s_per_m", *OF_MATRICES) if data.get(key) is not None]
+        if not set(given) & set(OF_MATRICES):
+            yield from exactly_one(data, "first_mode_ratio", "dashpots_n_s_per_m")
+        elif len(given) > 1:
+            yield (given[1],), f"give {' or '.join(given)}, not both"
 
 
 class NumericalSpec(Strict):
     """Hold the computed storeys 1..p from the ground; the highest is the interface.
 
     `masses_kg` (p,), the interface floor's whole mass included; `stiffness_n_per_m` (p,), or the mean of the
-    experimental storeys' stiffnesses.
+    experimental storeys' stiffnesses. `matrices` takes the place of both; `masses_kg` then is what rths writes to
+    results, the diagonal of the mass matrix that the loop computes.
     """
 
-    masses_kg: tuple[Mass, ...] = _per_storey("floor masses from the ground, the interface floor's whole mass included")
-    stiffness_n_per_m: NumericalStiffness = Field(
-        description="storey stiffnesses from the ground, or the mean of the experimental ones"
+    model_config = ConfigDict(
+        json_schema_extra={
+            "allOf": [{"anyOf": [{"required": ["masses_kg", "stiffness_n_per_m"]}, {"required": ["matrices"]}]}],
+        }
+    )
+
+    masses_kg: tuple[Mass, ...] = Field(
+        default=(),
+        validate_default=False,
+        min_length=1,
+        max_length=MAX_STOREYS,
+        description="floor masses from the ground, the interface floor's whole mass included",
+    )
+    stiffness_n_per_m: NumericalStiffness | None = Field(
+        default=None, description="storey stiffnesses from the ground, or the mean of the experimental ones"
+    )
+    matrices: MatricesSpec | None = Field(
+        default=None, description="instead of masses_kg and stiffness_n_per_m: a frame by its matrices"
     )
     law: StoreyLaws | None = Field(
         default=None,
@@ -89,6 +134,14 @@ class NumericalSpec(Strict):
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        if data.get("matrices") is not None:
+            for key in ("stiffness_n_per_m", "law"):
+                if data.get(key) is not None:
+                    yield (key,), "belongs to storeys, which matrices take the place of; remove it"
+            return
+        for key in ("masses_kg", "stiffness_n_per_m"):
+            if key not in data:
+                yield (key,), f"is missing; add {key}"
         yield from same_length(data, "stiffness_n_per_m", count(data, "masses_kg"), "storey")
         storeys, law = count(data, "masses_kg"), data.get("law")
         if isinstance(law, Mapping) and storeys is not None and storeys > 1:
@@ -160,6 +213,10 @@ class StructureSpec(Strict):
             limit = f"must be < the interface floor's mass {highest:g} kg, got {on_table:g}"
             yield ("interface_experimental_mass_kg",), limit
         storeys = [count(data.get(part) or {}, "masses_kg") for part in ("numerical", "experimental")]
+        if entry(data, "numerical", "matrices") is not None:
+            if data.get("heights_m") is not None:
+                yield ("heights_m",), "belongs to a building of storeys alone, numerical has matrices; remove it"
+            return
         if None not in storeys:
             yield from same_length(data, "heights_m", sum(filter(None, storeys)), "storey")
         levels = data.get("damping_levels")
@@ -172,6 +229,13 @@ class StructureSpec(Strict):
             if isinstance(level, Mapping):
                 for loc, message in same_length(level, "dashpots_n_s_per_m", len(masses) or None, "numerical storey"):
                     yield ("damping_levels", key, *loc), message
+
+
+def without_dashpots(spec: StructureSpec) -> dict[str, tuple[float, ...]]:
+    """Return the damping of a numerical substructure without any, by its key."""
+    if spec.numerical.matrices is not None:
+        return {"modal": (0.0,)}
+    return {"dashpots_n_s_per_m": (0.0,) * len(spec.numerical.masses_kg)}
 
 
 class ScaleSpec(Strict):

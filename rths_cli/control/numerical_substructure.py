@@ -12,7 +12,7 @@ import numpy as np
 from rths_cli.control.state_space import discretise
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, Block, StateSpace
-from rths_cli.structure import Numerical
+from rths_cli.structure import Numerical, mode_shapes
 
 INPUTS = ("ground_accel_m_s2", "base_shear_n")
 INTERFACE = ("interface_accel_m_s2", "interface_rel_vel_m_s", "interface_rel_disp_m")
@@ -24,12 +24,10 @@ def state_space(numerical: Numerical) -> StateSpace:
     """Return Eq. 2.3 with inputs ground acceleration and base shear f; the outputs are, for all p storeys,
     displacement and velocity relative to the ground, then absolute acceleration, shape (3 p, .)."""
     p = len(numerical.masses_kg)
-    inverse = 1.0 / numerical.masses_kg[:, None]
-    force = np.zeros((p, 1))
-    force[-1] = inverse[-1]
-    lower = np.hstack([-inverse * numerical.K, -inverse * numerical.C])
+    force = numerical.per_force[:, None]
+    lower = np.hstack([-numerical.per_mass(numerical.K), -numerical.per_mass(numerical.C)])
     a = np.vstack([np.hstack([np.zeros((p, p)), np.eye(p)]), lower])
-    b = np.block([[np.zeros((p, 2))], [-np.ones((p, 1)), force]])
+    b = np.block([[np.zeros((p, 2))], [-numerical.ground[:, None], force]])
     c = np.vstack([np.eye(2 * p), lower])
     d = np.vstack([np.zeros((2 * p, 2)), np.hstack([np.zeros((p, 1)), force])])
     return StateSpace(a, b, c, d)
@@ -76,6 +74,8 @@ def check_scheme(numerical: Numerical, dt_s: float, scheme: Scheme) -> None:
 
 def _highest_rad_s(numerical: Numerical) -> float:
     """Return the highest undamped natural frequency in rad/s."""
+    if numerical.M is not None:
+        return float(2.0 * np.pi * mode_shapes(numerical.M, numerical.K)[0][-1])
     scale = 1.0 / np.sqrt(numerical.masses_kg)
     return float(np.sqrt(np.linalg.eigvalsh(scale[:, None] * numerical.K * scale).max()))
 
@@ -86,7 +86,7 @@ def _chen_ricles(numerical: Numerical, dt_s: float) -> StateSpace:
     x[k+1] = x[k] + dt v[k] + dt^2 alpha a[k], v[k+1] = v[k] + dt alpha a[k], a[k] from equilibrium at k,
     alpha = 4 (4 M + 2 dt C + dt^2 K)^-1 M (Chen and Ricles, J. Eng. Mech. 134(8), 2008).
     """
-    p, mass = len(numerical.masses_kg), np.diag(numerical.masses_kg)
+    p, mass = len(numerical.masses_kg), numerical.mass_matrix
     continuous = state_space(numerical)
     alpha = 4.0 * np.linalg.solve(4.0 * mass + 2.0 * dt_s * numerical.C + dt_s**2 * numerical.K, mass)
     advance = np.vstack([dt_s**2 * alpha, dt_s * alpha])
@@ -101,15 +101,15 @@ def _newmark(numerical: Numerical, dt_s: float) -> StateSpace:
     With w = v[k] - dt/2 a[k]: a[k] = (M + dt/2 C)^-1 (F[k] - C w - K x[k]), then w grows by dt a[k] and x by dt
     times the new w (Newmark, J. Eng. Mech. Div. 85(EM3), 1959). Stable up to dt = 2 / w_max, whatever the damping.
     """
-    p, mass = len(numerical.masses_kg), np.diag(numerical.masses_kg)
+    p, mass = len(numerical.masses_kg), numerical.mass_matrix
     inverse = np.linalg.inv(mass + 0.5 * dt_s * numerical.C)
     from_state = inverse @ np.hstack([-numerical.K, -numerical.C])
-    from_input = inverse @ np.column_stack([-numerical.masses_kg, np.eye(p)[-1]])
+    from_input = inverse @ np.column_stack([-numerical.inertia_kg, np.eye(p)[-1]])
     pick, none = np.eye(2 * p), np.zeros((p, 2))
     wider = pick[p:] + dt_s * from_state
     a, b = np.vstack([pick[:p] + dt_s * wider, wider]), np.vstack([dt_s**2 * from_input, dt_s * from_input])
     c = np.vstack([pick[:p], pick[p:] + 0.5 * dt_s * from_state, from_state])
-    d = np.vstack([none, 0.5 * dt_s * from_input, np.array([1.0, 0.0]) + from_input])
+    d = np.vstack([none, 0.5 * dt_s * from_input, np.column_stack([numerical.ground, np.zeros(p)]) + from_input])
     return StateSpace(a, b, c, d)
 
 

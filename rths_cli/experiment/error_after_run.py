@@ -108,10 +108,9 @@ def loop_error(building: Building, dt_s: float, residual_m_s2: Array) -> Array:
 def loop_error_lines(building: Building, frequency_hz: Array, reported_m_s2: ComplexArray) -> ComplexArray:
     """Return what both make (n_storeys, m) of a reported motion (n_storeys, m) by frequency, without ground motion."""
     p, masses, numerical = len(building.numerical.masses_kg), _masses(building), building.numerical
-    own = np.diag(numerical.masses_kg)
-    a, _ = state_equation(own, numerical.C, numerical.K)
+    a, _ = state_equation(numerical.mass_matrix, numerical.C, numerical.K)
     pushed = np.zeros((2 * p, 1))
-    pushed[-1] = 1.0 / numerical.masses_kg[-1]
+    pushed[p:, 0] = numerical.per_force
     by_force = StateSpace(a, pushed, a[p:], pushed[p:]).response(frequency_hz)[:, 0]
     residual = reported_m_s2[:p] + by_force * (masses @ reported_m_s2[p - 1 :])
     a, b = _by_base(building)
@@ -389,7 +388,7 @@ def _loop(uncertain: Uncertain, found: FoundSpecimen, reported: Array, sim: Arra
     stiffness, errors = storey_values(linear.specimen.K), found.best_error
     for storey, error in enumerate(errors):
         other = stiffness * np.where(np.arange(len(stiffness)) == storey, 1.0 + error, 1.0)
-        moved = loop_error(on_specimen(linear, _specimen(fit, other, _modal_ratios(linear.specimen))), dt_s, residual)
+        moved = loop_error(on_specimen(linear, _specimen(fit, other, _modal(linear.specimen))), dt_s, residual)
         squares += _rms(uncertain, moved - off) ** 2
     return off, np.sqrt(squares)
 
@@ -410,7 +409,7 @@ def worth(uncertain: Uncertain, reported: Array, sim: Array) -> Values:
     building, setup = uncertain.building, uncertain.setup
     p = len(building.numerical.masses_kg)
     masses = np.concatenate([[building.interface_experimental_mass_kg], building.specimen.masses_kg])
-    shear = (masses @ reported[p - 1 :]) / building.numerical.masses_kg[-1]
+    shear = (masses @ reported[p - 1 :]) / building.numerical.interface_mass_kg
     values: dict[str, ArrayLike] = {}
     of_shear, of_floor = _rms(uncertain, np.array([shear, reported[p - 1]]))
     values[f"{RUN}.specimen_share"] = float(of_shear / of_floor) if of_floor > 0.0 else 0.0
@@ -437,7 +436,7 @@ def of_declaration(uncertain: Uncertain) -> dict[str, ArrayLike]:
         f"{RUN}.stiffness_over_declared": _by_storey(uncertain, fit.stiffness_n_per_m / stated),
         f"{RUN}.stiffness_over_declared_error": _by_storey(uncertain, error * fit.stiffness_n_per_m / stated),
     }
-    ratios = _modal_ratios(declared)
+    ratios = _modal(declared)
     if np.all(ratios > 0.0):
         values[f"{RUN}.damping_over_declared"] = fit.damping_ratio / ratios
         values[f"{RUN}.damping_over_declared_error"] = fit.damping_error / ratios
@@ -459,7 +458,7 @@ def _mass_error(uncertain: Uncertain, masses: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", above, covariance, above), 0.0)))
 
 
-def _modal_ratios(specimen: Specimen) -> Array:
+def _modal(specimen: Specimen) -> Array:
     """Return the modal damping ratios (n,) of a specimen on a fixed base."""
     root = 1.0 / np.sqrt(specimen.masses_kg)
     values, vectors = np.linalg.eigh(root[:, None] * specimen.K * root)

@@ -105,7 +105,7 @@ def _motion(setup: Setup, motion: tuple[Array, Array, Array], base_shear_n: Arra
         "abs_accel_m_s2": accel,
         "base_shear_n": base_shear_n,
         "inter_storey_drift_m": inter_storey_drift_m(disp),
-        "storey_shear_n": storey_shear_n(np.diag(setup.building.M), accel),
+        "storey_shear_n": storey_shear_n(setup.building.shear_masses_kg, accel),
     }
 
 

@@ -262,7 +262,7 @@ def exit_code(results: Sequence[Ended]) -> int:
 
 def most_kept(jobs: Sequence[Job]) -> int:
     """Return the number of shared values of each kind that fit into KEPT_BYTES for the longest case: 1 to KEPT."""
-    series = max(len(setup.motion.time_s) * (4 + RESPONSES * (3 * setup.case.n_storeys + 1)) for setup, _ in jobs)
+    series = max(len(setup.motion.time_s) * (4 + RESPONSES * (3 * setup.building.storeys + 1)) for setup, _ in jobs)
     return max(1, min(KEPT, KEPT_BYTES // (8 * series)))
 
 

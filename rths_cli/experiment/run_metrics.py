@@ -196,7 +196,7 @@ def relative_errors(
 def of_building(run: str, building: Building, rel_disp_m: Array, abs_accel_m_s2: Array) -> dict[str, ArrayLike]:
     """Return the peaks of a building's response by path: relative displacements and absolute accelerations, both
     (n_storeys, n)."""
-    found = peaks(np.diag(building.M), rel_disp_m, abs_accel_m_s2)
+    found = peaks(building.shear_masses_kg, rel_disp_m, abs_accel_m_s2, building.mass_kg)
     values: dict[str, ArrayLike] = {
         f"{run}.peak_abs_accel_m_s2": found.abs_accel_m_s2,
         f"{run}.peak_rel_disp_m": found.rel_disp_m,
@@ -277,9 +277,14 @@ def of_table_run(
             figures |= of_laws(run, building, hybrid[0], series.law_force_n)
         storeys = high_passed([sim.abs_accel_m_s2, hybrid[2]], lowest_hz, dt)
         figures |= response(run, storeys[0], storeys[1], len(building.numerical.masses_kg), dt, band_hz)
-        most = float(np.max(input_energy_j(building.M, sim.rel_vel_m_s, ground, dt)))
+        most = float(np.max(input_energy_j(_input_mass_kg(building), sim.rel_vel_m_s, ground, dt)))
         figures |= energy(run, desired, measured, true, series.base_shear_n, most, dt, band_hz)
     return figures
+
+
+def _input_mass_kg(building: Building) -> Array:
+    """Return the matrix (n_storeys, n_storeys) whose rows add up to M r, of which the input energy is the integral."""
+    return building.M if building.influence is None else building.M * building.influence
 
 
 def delays(run: str, desired: Array, measured: Array, true: Array | None, dt_s: float) -> dict[str, ArrayLike]:

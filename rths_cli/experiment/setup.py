@@ -37,7 +37,7 @@ from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import metrics_of
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.from_case import calibration_faults, rig_info, skew_faults, true_values
-from rths_cli.structure import Building, Similitude, Specimen, build, modes, similitude_of
+from rths_cli.structure import Building, Similitude, Specimen, build, modes, similitude_of, with_masses
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -218,6 +218,7 @@ def make_setup(
     if faults:
         raise InputError(*(placed(case, fault) for fault in faults))
     shared = shared or SharedValues()
+    case = _with_masses(case)
     motion, record_sha256, baseline, share, begins, done, wrong = shared.get(
         "motion", motion_key(case), lambda: interruptible(lambda: _judged_motion(case))
     )
@@ -241,6 +242,15 @@ def make_setup(
         baseline_share=share, compensator=compensator, record_treatment=done, record_defects=wrong,
     )  # fmt: skip
     return with_own_storeys(setup)
+
+
+def _with_masses(case: Case) -> Case:
+    """Return a case whose numerical part states its masses; of a frame they are those of its matrices."""
+    try:
+        structure = with_masses(case.structure)
+    except InputError as error:
+        raise InputError(*(placed(case, fault) for fault in error.faults)) from error
+    return case if structure is case.structure else case.model_copy(update={"structure": structure})
 
 
 def _compensator(case: Case) -> Compensator | None:

@@ -9,18 +9,20 @@ import numpy as np
 
 from rths_cli.case.load import load_structure
 from rths_cli.case.shipped_files import is_shipped
-from rths_cli.case.structure_schema import DampingSpec, StructureSpec
+from rths_cli.case.structure_schema import DampingSpec, StructureSpec, without_dashpots
 from rths_cli.case.yaml_reader import display
 from rths_cli.errors import InputError
 from rths_cli.experiment.unit_plausibility import building_doubts
 from rths_cli.interrupts import interruptible
-from rths_cli.numerics.lti import Array
+from rths_cli.numerics.lti import Array, Integers
 from rths_cli.structure import (
     Building,
     Similitude,
     build,
+    frame_of,
     mode_shapes,
     modes,
+    reduced_of,
     similitude_of,
     stiffness_sets,
     storey_values,
@@ -35,7 +37,7 @@ class Level:
 
     name: str
     first_mode_ratio: float | None  # as stated; None: dashpots are stated
-    dashpots_n_s_per_m: Array  # (p,) of the numerical storeys
+    dashpots_n_s_per_m: Array  # (p,) of the numerical storeys; of a frame empty
     natural_frequency_hz: Array  # (n,) |s| / 2 pi of the damped modes of the whole building, ascending
     damping_ratio: Array  # (n,) of these modes
     fault: str = ""
@@ -50,6 +52,24 @@ class StiffnessSet:
 
 
 @dataclass(frozen=True)
+class InspectedFrame:
+    """What is known of a frame by its matrices, and of its reduction."""
+
+    mass_file: str
+    degrees_of_freedom: int  # of the files
+    massless: int  # of these, condensed
+    mass_kg: float  # that follows the ground
+    interface: int  # degree of freedom, from 1
+    dofs: Integers  # (p,) degrees of freedom that the loop computes
+    reduction: str  # none, static or craig_bampton
+    modes_kept: int  # from the first, with their frequency to 0.1 %
+    fixed_modes: int  # with the interface held, that the reduction has
+    ground_shape: bool  # whether one more shape lets all mass follow the ground
+    natural_frequency_hz: Array  # (n,) of the whole frame by itself
+    reduced_frequency_hz: Array  # (p,) of the reduced one
+
+
+@dataclass(frozen=True)
 class Inspected:
     """What is known of a building of p numerical and n_exp experimental storeys, n in all, from the ground."""
 
@@ -57,7 +77,7 @@ class Inspected:
     file: str  # path as a user would type it; "" for a shipped one
     numerical_storeys: int  # p; the highest is the interface
     floor_mass_kg: Array  # (n,) whole masses
-    stiffness_n_per_m: Array  # (n,) of the storeys
+    stiffness_n_per_m: Array  # (n,) of the storeys; of a frame the diagonal of its stiffness matrix
     heights_m: Array | None  # (n,) of the storeys
     interface_experimental_mass_kg: float
     natural_frequency_hz: Array  # (n,) undamped
@@ -68,6 +88,8 @@ class Inspected:
     levels: tuple[Level, ...]
     stiffness_sets: tuple[StiffnessSet, ...]  # the first is used; (): stiffnesses are stated
     warnings: tuple[str, ...]  # doubts on units
+    mass_kg: float  # of the whole building
+    frame: InspectedFrame | None = None  # None: the numerical part is a chain of storeys
     scale: Similitude | None = None  # of the model that the building is, prototype over model; None: of no case
 
     @property
@@ -83,6 +105,7 @@ class Inspected:
         return replace(
             self,
             floor_mass_kg=self.scale.factor("kg") * self.floor_mass_kg,
+            mass_kg=self.scale.factor("kg") * self.mass_kg,
             stiffness_n_per_m=self.scale.factor("N/m") * self.stiffness_n_per_m,
             heights_m=None if self.heights_m is None else self.scale.factor("m") * self.heights_m,
             natural_frequency_hz=self.scale.factor("Hz") * self.natural_frequency_hz,
@@ -113,7 +136,10 @@ def _inspected(spec: StructureSpec, damping: Sequence[DampingSpec], file: str) -
     building = _undamped(spec)
     specimen, masses = building.specimen, np.diag(building.M)
     frequency, shapes = mode_shapes(building.M, building.K)
-    weights = shapes.T @ masses
+    weights = shapes.T @ (masses if building.numerical.dofs is None else building.M @ _ground(building))
+    spring = (
+        np.diag(building.numerical.K) if building.numerical.dofs is not None else storey_values(building.numerical.K)
+    )
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(len(masses))]
     own = modes(np.diag(specimen.masses_kg), specimen.C, specimen.K)
     levels = [_level(spec, level) for level in damping] or [_level(spec, _no_dashpots(spec))]
@@ -122,22 +148,51 @@ def _inspected(spec: StructureSpec, damping: Sequence[DampingSpec], file: str) -
         file=file,
         numerical_storeys=len(building.numerical.masses_kg),
         floor_mass_kg=masses,
-        stiffness_n_per_m=np.concatenate([storey_values(building.numerical.K), storey_values(specimen.K)]),
+        stiffness_n_per_m=np.concatenate([spring, storey_values(specimen.K)]),
         heights_m=building.heights_m,
         interface_experimental_mass_kg=building.interface_experimental_mass_kg,
         natural_frequency_hz=frequency,
         mode_shapes=shapes / largest,
-        effective_mass_ratio=weights**2 / masses.sum(),
+        effective_mass_ratio=weights**2 / building.mass_kg,
         specimen_frequency_hz=own[0],
         specimen_damping_ratio=own[1],
         levels=tuple(levels),
         stiffness_sets=_sets(spec),
         warnings=building_doubts(spec, damping, building),
+        mass_kg=building.mass_kg,
+        frame=_frame(spec),
+    )
+
+
+def _ground(building: Building) -> Array:
+    return np.ones(len(building.M)) if building.influence is None else building.influence
+
+
+def _frame(spec: StructureSpec) -> InspectedFrame | None:
+    """Return what is known of the frame of a structure; None without one."""
+    matrices = spec.numerical.matrices
+    if matrices is None:
+        return None
+    frame, reduced = frame_of(matrices), reduced_of(matrices)
+    whole_hz = frame.frequency_hz
+    return InspectedFrame(
+        mass_file=matrices.mass.file.name,
+        degrees_of_freedom=len(frame.dofs) + len(frame.condensed.massless),
+        massless=len(frame.condensed.massless),
+        mass_kg=frame.mass_kg,
+        interface=matrices.interface,
+        dofs=frame.dofs if reduced is None else frame.dofs[reduced.rows],
+        reduction=matrices.reduction.kind,
+        modes_kept=len(whole_hz) if reduced is None else reduced.modes,
+        fixed_modes=0 if reduced is None else reduced.fixed_modes,
+        ground_shape=False if reduced is None else reduced.adds_ground_shape,
+        natural_frequency_hz=whole_hz,
+        reduced_frequency_hz=whole_hz if reduced is None else reduced.frequency_hz,
     )
 
 
 def _no_dashpots(spec: StructureSpec) -> DampingSpec:
-    return DampingSpec(name=UNDAMPED, dashpots_n_s_per_m=(0.0,) * len(spec.numerical.masses_kg))
+    return DampingSpec.model_validate({"name": UNDAMPED, **without_dashpots(spec)})
 
 
 def _undamped(spec: StructureSpec) -> Building:
@@ -152,7 +207,8 @@ def _level(spec: StructureSpec, damping: DampingSpec) -> Level:
     except InputError as error:
         return Level(damping.name, damping.first_mode_ratio, np.empty(0), np.empty(0), np.empty(0), str(error))
     found = modes(building.M, building.C, building.K)
-    return Level(damping.name, damping.first_mode_ratio, storey_values(building.numerical.C), *found)
+    dashpots = storey_values(building.numerical.C) if building.numerical.dofs is None else np.empty(0)
+    return Level(damping.name, damping.first_mode_ratio, dashpots, *found)
 
 
 def _sets(spec: StructureSpec) -> tuple[StiffnessSet, ...]:

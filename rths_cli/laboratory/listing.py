@@ -32,7 +32,7 @@ from rths_cli.experiment.record_defects import defects
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram, read_components
 from rths_cli.laboratory.playable_scale import playable
 from rths_cli.numerics.lti import Array
-from rths_cli.structure import similitude_of
+from rths_cli.structure import frame_of, masses_of, similitude_of
 from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
@@ -90,8 +90,10 @@ def _case(path: Path) -> tuple[str, Details]:
 
 def _structure(path: Path) -> tuple[str, Details]:
     spec, levels, *_ = load_structure(str(path.absolute()))
-    numerical, experimental = len(spec.numerical.masses_kg), len(spec.experimental.masses_kg)
-    mass = sum(spec.numerical.masses_kg) + sum(spec.experimental.masses_kg)
+    masses = masses_of(spec)
+    numerical, experimental = len(masses), len(spec.experimental.masses_kg)
+    own = sum(masses) if spec.numerical.matrices is None else frame_of(spec.numerical.matrices).mass_kg
+    mass = own + sum(spec.experimental.masses_kg)
     named = [level.name for level in levels]
     text = f"{numerical + experimental} storeys, {experimental} on the table, {mass:g} kg; damping "
     details = {"numerical_storeys": numerical, "experimental_storeys": experimental, "mass_kg": mass}

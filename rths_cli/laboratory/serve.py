@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.rig_schema import is_loopback, not_private
+from rths_cli.case.structure_schema import without_dashpots
 from rths_cli.errors import InputError
 from rths_cli.experiment.real_rig_readiness import EXP_RTHS, guard_limits, open_virtual
 from rths_cli.experiment.setup import Setup, make_setup
@@ -372,7 +373,7 @@ def describe(rig: str, structure: str, settings: tuple[str, ...], seed: int) -> 
     if capabilities_of(case.table.kind).moves_hardware:
         raise InputError(f"{rig}: its kind is {case.table.kind}; only a virtual rig can be served")
     undamped = case.damping.model_copy(
-        update={"first_mode_ratio": None, "dashpots_n_s_per_m": (0.0,) * len(case.structure.numerical.masses_kg)}
+        update={"first_mode_ratio": None, **without_dashpots(case.structure)}
     )  # the computed storeys are not served
     return ServedRig(make_setup(case.model_copy(update={"damping": undamped})), simulated(case), seed)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from rths_cli.report.to_text import WIDTH, laid_out_in, text
 from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
-    from rths_cli.laboratory.describe import Inspected, Level
+    from rths_cli.laboratory.describe import Inspected, InspectedFrame, Level
     from rths_cli.numerics.lti import Array
 
 MOST_MODES = 10  # on the page
@@ -25,7 +26,7 @@ def page(found: Inspected, columns: int = WIDTH) -> str:
     """Return a building as text of at most `columns` columns."""
     sections = [
         _about(found),
-        _storeys(found),
+        _storeys(found) if found.frame is None else _frame(found.frame),
         _stiffness_sets(found),
         _modes(found),
         _damping(found),
@@ -45,7 +46,7 @@ def document(found: Inspected) -> dict[str, Any]:
         "floor_mass_kg": found.floor_mass_kg.tolist(),
         "stiffness_n_per_m": found.stiffness_n_per_m.tolist(),
         "heights_m": None if found.heights_m is None else found.heights_m.tolist(),
-        "mass_kg": float(found.floor_mass_kg.sum()),
+        "mass_kg": found.mass_kg,
         "experimental_mass_kg": found.experimental_mass_kg,
         "interface_experimental_mass_kg": found.interface_experimental_mass_kg,
         "natural_frequency_hz": found.natural_frequency_hz.tolist(),
@@ -63,6 +64,7 @@ def document(found: Inspected) -> dict[str, Any]:
             for one in found.stiffness_sets
         ],
         "warnings": list(found.warnings),
+        **({} if found.frame is None else {"frame": _frame_document(found.frame)}),
         "scale": None if found.scale is None else found.scale.factors,
         "prototype": _prototype_document(found.prototype),
         "exit_code": found.exit_code,
@@ -83,6 +85,12 @@ def _prototype_document(whole: Inspected | None) -> dict[str, Any] | None:
     }
 
 
+def _frame_document(frame: InspectedFrame) -> dict[str, Any]:
+    """Return a frame by its matrices for JSON; frequencies are those of the frame by itself."""
+    values = {field.name: getattr(frame, field.name) for field in fields(frame)}
+    return {name: value.tolist() if hasattr(value, "tolist") else value for name, value in values.items()}
+
+
 def _level(level: Level) -> dict[str, Any]:
     return {
         "name": level.name,
@@ -99,19 +107,23 @@ def headline(found: Inspected) -> str:
     lowest = ", ".join(significant(hz, 4) for hz in found.natural_frequency_hz[:3])
     faulty = [level.name for level in found.levels if level.fault]
     ends = f"; it cannot have damping {' and '.join(faulty)}" if faulty else ""
+    what = "storeys"
+    if found.frame is not None:
+        what = f"coordinates, {found.numerical_storeys} of a frame by its matrices"
     return (
-        f"Structure {found.name} ({found.file or 'shipped'}): {len(found.floor_mass_kg)} storeys, "
-        f"{significant(float(found.floor_mass_kg.sum()))} kg, modes at {lowest} Hz{ends}"
+        f"Structure {found.name} ({found.file or 'shipped'}): {len(found.floor_mass_kg)} {what}, "
+        f"{significant(found.mass_kg)} kg, modes at {lowest} Hz{ends}"
     )
 
 
 def _about(found: Inspected) -> list[Block]:
     """Return the headline, the doubts, and the lines on storeys and masses."""
-    n, p, mass = len(found.floor_mass_kg), found.numerical_storeys, float(found.floor_mass_kg.sum())
+    n, p, mass = len(found.floor_mass_kg), found.numerical_storeys, found.mass_kg
     on_table = found.experimental_mass_kg
     computed, table = (f"{significant(part)} kg ({100.0 * part / mass:.1f} %)" for part in (mass - on_table, on_table))
     interface = found.interface_experimental_mass_kg
-    split = f"; of floor {p}, {significant(interface)} kg stand on the table" if interface else ""
+    floor = f"floor {p}" if found.frame is None else "the interface"
+    split = f"; of {floor}, {significant(interface)} kg stand on the table" if interface else ""
     return [
         Line(headline(found)),
         *(labelled("warning", doubt) for doubt in found.warnings),
@@ -120,6 +132,33 @@ def _about(found: Inspected) -> list[Block]:
         ),
         labelled("mass", f"{significant(mass)} kg: {computed} computed, {table} on the table{split}"),
     ]
+
+
+def _frame(frame: InspectedFrame) -> list[Block]:
+    """Return the lines on a frame: its matrices, its reduction, and its modes before and after."""
+    n, p, dofs = len(frame.natural_frequency_hz), len(frame.dofs), frame.dofs.tolist()
+    condensed = f"; {frame.massless} have no mass and are condensed, without an error" if frame.massless else ""
+    places = ", ".join(f"{i} is {dof}" for i, dof in enumerate(dofs[:MOST_MODES], 1))
+    more = f", ..., {p} is {dofs[-1]}" if p > MOST_MODES else ""
+    lines: list[Block] = [
+        labelled(
+            "matrices", f"{frame.degrees_of_freedom} degrees of freedom ({frame.mass_file}), interface "
+            f"{frame.interface}, {significant(frame.mass_kg)} kg follow the ground{condensed}",
+        ),
+        labelled("storeys of results", f"degrees of freedom of the matrices: {places}{more}"),
+    ]  # fmt: skip
+    if frame.reduction == "none":
+        return [*lines, labelled("reduction", "none"), *_by_mode(["frame (Hz)"], [frame.natural_frequency_hz])]
+    of = f"{frame.fixed_modes} modes with the interface held" if frame.fixed_modes else "static shapes"
+    ground = ", and one shape with which all mass follows the ground" if frame.ground_shape else ""
+    kept = (
+        f"{frame.reduction}, {p} of {n} coordinates: {of}{ground}. The first {frame.modes_kept} modes of the frame are "
+        "kept to 0.1 % in frequency. SIM has all degrees of freedom"
+    )
+    both = [frame.natural_frequency_hz[:p], frame.reduced_frequency_hz]
+    columns = [*both, 100.0 * (both[1] / both[0] - 1.0)]
+    heads = ["frame (Hz)", "reduced (Hz)", "error (%)"]
+    return [*lines, labelled("reduction", kept), *_by_mode(heads, columns)]
 
 
 def _range(first: int, last: int) -> str:
@@ -200,6 +239,8 @@ def _told(level: Level) -> str:
     if level.fault:
         return f"{level.name}: {level.fault}"
     values = level.dashpots_n_s_per_m
+    if not values.size:
+        return f"{level.name}: of the frame's matrices"
     same = bool(np.all(values == values[0]))
     size = significant(values[0], 4) if same else ", ".join(significant(value, 4) for value in values)
     each = " in each numerical storey" if same else " in the numerical storeys"

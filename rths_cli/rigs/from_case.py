@@ -27,7 +27,7 @@ from rths_cli.errors import InputError, RigError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo, Uncertainty
 from rths_cli.rigs.interface import specimen_known
-from rths_cli.structure import assemble
+from rths_cli.structure import assemble, masses_of
 from rths_cli.structure.storey_laws import stacked
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ def declared_info(case: Case) -> RigInfo:
 
 def channel_names(case: Case) -> tuple[str, ...]:
     """Return the roles of the channels: the table, then the experimental floors upwards, numbered from the ground."""
-    numerical = len(case.structure.numerical.masses_kg)
+    numerical = len(masses_of(case.structure))
     return ("table", *(f"floor_{numerical + 1 + i}" for i in range(len(case.structure.experimental.masses_kg))))
 
 

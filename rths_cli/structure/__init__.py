@@ -12,6 +12,8 @@ from rths_cli.structure.building import (
     build,
     stiffness_sets,
 )
+from rths_cli.structure.frame import frame_of
+from rths_cli.structure.frame_reduction import masses_of, reduced_of, with_masses
 from rths_cli.structure.shear_chain import (
     Building,
     Numerical,
@@ -41,12 +43,16 @@ __all__ = [
     "assemble",
     "build",
     "first_mode_ratio",
+    "frame_of",
+    "masses_of",
     "modal_damping_matrix",
     "mode_shapes",
     "modes",
+    "reduced_of",
     "similitude_of",
     "stiffness_from_frequencies",
     "stiffness_sets",
     "storey_matrix",
     "storey_values",
+    "with_masses",
 ]

@@ -9,9 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
+from rths_cli.case.structure_schema import OF_MATRICES
 from rths_cli.errors import InputError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
+from rths_cli.structure.frame_reduction import numerical_of
 from rths_cli.structure.shear_chain import (
     Building,
     Numerical,
@@ -37,7 +39,7 @@ class NumericalSpec(Protocol):
     @property
     def masses_kg(self) -> Sequence[float]: ...
     @property
-    def stiffness_n_per_m(self) -> str | Sequence[float]: ...
+    def stiffness_n_per_m(self) -> str | Sequence[float] | None: ...
 
 
 class ExperimentalSpec(Protocol):
@@ -83,6 +85,8 @@ def build(spec: StructureSpec, damping: DampingSpec) -> Building:
     less than its floor's, when no stiffnesses give the natural frequencies, or when the first mode's ratio is
     out of reach.
     """
+    if getattr(spec.numerical, "matrices", None) is not None:
+        return _with_frame(spec, damping)
     _check(spec, damping)
     specimen, notes = _build_specimen(spec.experimental)
     interface_mass = float(spec.interface_experimental_mass_kg)
@@ -103,6 +107,17 @@ def build(spec: StructureSpec, damping: DampingSpec) -> Building:
     numerical = _with_tangents_at_rest(numerical, laws)
     total = assemble(numerical, specimen, interface_mass)
     return Building(numerical, specimen, interface_mass, *total, notes, heights, arranged(laws))
+
+
+def _with_frame(spec: StructureSpec, damping: DampingSpec) -> Building:
+    """Return the building whose numerical part is a frame by its matrices."""
+    faults = [*_faults_of_experimental(spec.experimental)]
+    if faults:
+        raise InputError(*faults)
+    specimen, notes = _build_specimen(spec.experimental)
+    mass = float(spec.interface_experimental_mass_kg)
+    numerical = numerical_of(spec.numerical.matrices, damping, mass)  # type: ignore[attr-defined, arg-type]
+    return Building(numerical, specimen, mass, *assemble(numerical, specimen, mass), notes)
 
 
 def _laws(spec: StructureSpec, numerical: Numerical, specimen: Specimen) -> tuple[tuple[Law, ...], ...]:
@@ -128,17 +143,18 @@ def _with_tangents_at_rest(numerical: Numerical, laws: tuple[tuple[Law, ...], ..
 def _check(spec: StructureSpec, damping: DampingSpec) -> None:
     """Raise one InputError with every list of a wrong length and an interface mass out of its range."""
     numerical, experimental = spec.numerical, spec.experimental
-    p, n = len(numerical.masses_kg), len(experimental.masses_kg)
+    p = len(numerical.masses_kg)
     stated = numerical.stiffness_n_per_m
+    of_frames = [key for key in OF_MATRICES if getattr(damping, key, None) is not None]
     faults = [
         *_length("structure.numerical.stiffness_n_per_m", None if isinstance(stated, str) else stated, p),
-        *_one_of("structure.experimental", experimental, "natural_frequencies_hz", "stiffness_n_per_m"),
-        *_one_of("structure.experimental", experimental, "damping_ratios", "dashpots_n_s_per_m"),
-        *_one_of("damping", damping, "first_mode_ratio", "dashpots_n_s_per_m"),
-        *_length("structure.experimental.natural_frequencies_hz", experimental.natural_frequencies_hz, n),
-        *_length("structure.experimental.stiffness_n_per_m", experimental.stiffness_n_per_m, n),
-        *_length("structure.experimental.damping_ratios", experimental.damping_ratios, n),
-        *_length("structure.experimental.dashpots_n_s_per_m", experimental.dashpots_n_s_per_m, n),
+        *_faults_of_experimental(experimental),
+        *(
+            f"damping.{key}: belongs to a frame by its matrices, numerical has storeys; give first_mode_ratio or "
+            "dashpots_n_s_per_m"
+            for key in of_frames
+        ),
+        *([] if of_frames else _one_of("damping", damping, "first_mode_ratio", "dashpots_n_s_per_m")),
         *_length("damping.dashpots_n_s_per_m", damping.dashpots_n_s_per_m, p),
     ]
     for where, masses in (("numerical", numerical.masses_kg), ("experimental", experimental.masses_kg)):
@@ -154,6 +170,17 @@ def _check(spec: StructureSpec, damping: DampingSpec) -> None:
         )
     if faults:
         raise InputError(*faults)
+
+
+def _faults_of_experimental(spec: ExperimentalSpec) -> list[str]:
+    """Return a sentence for every list of the specimen of a wrong length, and what is stated twice or not."""
+    where, n = "structure.experimental", len(spec.masses_kg)
+    lists = ("natural_frequencies_hz", "stiffness_n_per_m", "damping_ratios", "dashpots_n_s_per_m")
+    return [
+        *_one_of(where, spec, *lists[:2]),
+        *_one_of(where, spec, *lists[2:]),
+        *(fault for key in lists for fault in _length(f"{where}.{key}", getattr(spec, key), n)),
+    ]
 
 
 def _length(field: str, values: Sequence[float] | None, storeys: int) -> list[str]:
@@ -212,6 +239,7 @@ def _undamped_numerical(spec: StructureSpec, specimen: Specimen) -> Numerical:
     stiffness = spec.numerical.stiffness_n_per_m
     if isinstance(stiffness, str):
         stiffness = [float(np.mean(storey_values(specimen.K)))] * len(masses)
+    assert stiffness is not None  # without matrices
     K = storey_matrix(stiffness)
     _check_stiffness("structure.numerical", masses, K)
     return Numerical(masses, K, np.zeros((len(masses), len(masses))))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rths_cli.numerics.lti import Array, ComplexArray
+from rths_cli.numerics.lti import Array, ComplexArray, Integers
 from rths_cli.structure.storey_laws import Laws, arranged
 
 ROUNDING = float(np.finfo(float).eps)
@@ -37,8 +37,13 @@ def above_rounding(eigenvalues: Array) -> Array:
 def mode_shapes(M: Array, K: Array) -> tuple[Array, Array]:
     """Return the undamped natural frequencies (n,) in Hz, ascending, and the mode shapes (n, n), a column for each.
 
-    K phi = w^2 M phi with a diagonal M (n, n) in kg and K (n, n) in N/m; phi^T M phi = 1.
+    K phi = w^2 M phi with M (n, n) in kg and K (n, n) in N/m; phi^T M phi = 1.
     """
+    if np.count_nonzero(M) > np.count_nonzero(np.diag(M)):
+        from scipy.linalg import eigh
+
+        squares, shapes = eigh(K, M)
+        return np.sqrt(above_rounding(squares)) / (2.0 * np.pi), np.asarray(shapes)
     root = np.sqrt(np.diag(M))
     eigenvalues, shapes = np.linalg.eigh(K / np.outer(root, root))
     return np.sqrt(above_rounding(eigenvalues)) / (2.0 * np.pi), shapes / root[:, None]
@@ -101,22 +106,75 @@ class Specimen:
     K: Array
     C: Array
 
+    @property
+    def mass_matrix(self) -> Array:
+        """Return M (n, n) in kg."""
+        return np.diag(self.masses_kg)
+
 
 @dataclass(frozen=True)
 class Numerical:
-    """Computed storeys relative to the ground: M d2x + C dx + K x = -M 1 a_g + e_p f (Eq. 2.3), e_p the last.
+    """Computed part relative to the ground: M d2x + C dx + K x = -M r a_g + e_p f (Eq. 2.3), e_p the last.
 
-    `masses_kg` (p,) without the interface mass on the table, `K` (p, p) in N/m, `C` (p, p) in N s/m.
+    `masses_kg` (p,) without the interface mass on the table, `K` (p, p) in N/m, `C` (p, p) in N s/m. A chain of storeys
+    has M = diag(masses_kg) and r = 1. A frame may have another `M` (p, p), with masses_kg its diagonal, and another
+    `influence` r (p,); its coordinates are the degrees of freedom `dofs` (p,) of its matrices. `whole` is what it was
+    reduced from.
     """
 
     masses_kg: Array
     K: Array
     C: Array
+    M: Array | None = None
+    influence: Array | None = None
+    dofs: Integers | None = None
+    whole: Unreduced | None = None
+
+    @property
+    def mass_matrix(self) -> Array:
+        """Return M (p, p) in kg."""
+        return np.diag(self.masses_kg) if self.M is None else self.M
+
+    @property
+    def inertia_kg(self) -> Array:
+        """Return M r (p,), the force per ground acceleration."""
+        if self.M is None:
+            return self.masses_kg if self.influence is None else self.masses_kg * self.influence
+        return np.asarray(self.M @ self.ground)
+
+    @property
+    def ground(self) -> Array:
+        """Return r (p,): displacement of each coordinate when the ground moves by one."""
+        return np.ones(len(self.masses_kg)) if self.influence is None else self.influence
+
+    def per_mass(self, columns: Array) -> Array:
+        """Return M^-1 times columns (p, m)."""
+        if self.M is None:
+            return np.asarray((1.0 / self.masses_kg[:, None]) * columns)
+        return np.asarray(np.linalg.solve(self.M, columns), dtype=float)
+
+    @property
+    def per_force(self) -> Array:
+        """Return M^-1 e_p (p,): the accelerations per force on the interface."""
+        return self.per_mass(np.eye(len(self.masses_kg))[:, -1:])[:, 0]
+
+    @property
+    def interface_mass_kg(self) -> float:
+        """Return the force on the interface per its acceleration at first, before anything has moved."""
+        return float(self.masses_kg[-1]) if self.M is None else 1.0 / float(self.per_force[-1])
+
+
+@dataclass(frozen=True)
+class Unreduced:
+    """What a reduced frame was reduced from; coordinate i of the reduced one is row `rows[i]` of the whole."""
+
+    numerical: Numerical
+    rows: Integers
 
 
 @dataclass(frozen=True)
 class Building:
-    """A shear building of p numerical and n experimental storeys, coupled by the force f of Eq. 2.6.
+    """A building of p numerical and n experimental storeys, coupled by the force f of Eq. 2.6.
 
     `M`, `C`, `K` (p + n, p + n) describe the total structure in displacements relative to the ground;
     `notes` are sentences for the user (for instance the stiffness solutions not taken); `heights_m` (p + n,) are the
@@ -139,6 +197,47 @@ class Building:
         return self.laws.code.size == 0
 
     @property
+    def reduced(self) -> bool:
+        """Return whether its numerical part is a reduction of a larger frame."""
+        return self.numerical.whole is not None
+
+    @property
+    def unreduced(self) -> Building:
+        """Return the same building with all degrees of freedom of its frame."""
+        if self.numerical.whole is None:
+            return self
+        frame, mass = self.numerical.whole.numerical, self.interface_experimental_mass_kg
+        return Building(frame, self.specimen, mass, *assemble(frame, self.specimen, mass), self.notes)
+
+    @property
+    def rows_of_unreduced(self) -> Integers:
+        """Return the rows (p + n,) of the unreduced building that are this one's coordinates."""
+        rows, n = np.arange(len(self.numerical.masses_kg)), len(self.specimen.masses_kg)
+        if self.numerical.whole is not None:
+            rows = self.numerical.whole.rows
+        return np.concatenate([rows, rows[-1] + 1 + np.arange(n)])
+
+    @property
+    def influence(self) -> Array | None:
+        """Return r (p + n,), None where the ground moves all floors alike: the interface moves with it by one."""
+        own = self.numerical.influence
+        return None if own is None else np.concatenate([own, np.ones(len(self.specimen.masses_kg))])
+
+    @property
+    def shear_masses_kg(self) -> Array:
+        """Return the masses (n_storeys,) of floors, or of a frame the rows (n_storeys, n_storeys) of M along the ground
+        motion: times absolute accelerations they are the inertia that storey shears carry."""
+        if self.numerical.M is None and self.influence is None:
+            return np.diag(self.M)
+        return self.M if self.influence is None else self.influence[:, None] * self.M
+
+    @property
+    def mass_kg(self) -> float:
+        """Return the mass that follows the ground motion, r^T M r."""
+        masses, influence = self.shear_masses_kg, self.influence
+        return float(np.sum(masses if influence is None else masses @ influence))
+
+    @property
     def has_laws(self) -> bool:
         """Return whether storeys have laws, beside M, C and K."""
         return not self.linear
@@ -158,6 +257,8 @@ def assemble(numerical: Numerical, specimen: Specimen, interface_mass_kg: float)
     relative = np.hstack([np.zeros((n, p)), np.eye(n)])
     relative[:, p - 1] = -1.0
     M = np.diag(np.concatenate([numerical.masses_kg, specimen.masses_kg]))
+    if numerical.M is not None:
+        M[:p, :p] = numerical.M
     M[p - 1, p - 1] += interface_mass_kg
     C, K = relative.T @ specimen.C @ relative, relative.T @ specimen.K @ relative
     C[:p, :p] += numerical.C

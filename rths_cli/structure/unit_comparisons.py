@@ -15,6 +15,7 @@ from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.structure.shear_chain import mode_shapes, storey_values
 
 if TYPE_CHECKING:
+    from rths_cli.case.matrices_schema import MatricesSpec
     from rths_cli.case.structure_schema import DampingSpec, StructureSpec
     from rths_cli.numerics.lti import Array
     from rths_cli.structure.shear_chain import Building
@@ -26,6 +27,7 @@ RATIOS = (0.0015, 0.3)  # of critical damping: bare steel to a strongly damped a
 STIFFNESS_OF_PARTS = (1.0 / 300.0, 1e4)  # of the median numerical storey over the median one on the table
 LEAST_MODE_RATIO = 1e-4  # of a building's first mode; less than its specimen alone adds is refused
 IN_A_PART = 8.0  # masses of one substructure, and damping ratios of a specimen, over the median of the others
+FRAME_OVER_FLOOR = 3e4  # whole mass of a frame over the mean floor on the table: 200 floors of 150 times its mass
 NUMERICAL, EXPERIMENTAL = "structure.numerical", "structure.experimental"
 OVER_DRIFT = {  # keys of laws that are a drift, over that of the storey under 1 g sideways
     "yield_displacement_m": (3e-3, 2.0), "gap_m": (1e-3, 5.0), "sticking_displacement_m": (1e-5, 0.3),
@@ -42,6 +44,10 @@ def drift_under_1_g(building: Building) -> Array:
 
 def of_building(spec: StructureSpec, building: Building) -> Iterator[Comparison]:
     """Yield what the numbers of a building are compared with."""
+    if spec.numerical.matrices is not None:
+        yield from _of_frame(spec, spec.numerical.matrices, building)
+        yield from _of_stiffness_on_table(spec)
+        return
     yield from _of_masses(spec)
     yield from _of_drifts(spec, building)
     yield from _of_stiffness(spec, building)
@@ -57,6 +63,8 @@ def of_damping(spec: StructureSpec, damping: Sequence[DampingSpec], building: Bu
     for key, values in ratios.items():
         yield from (_of_ratio(key, value, i, len(values)) for i, value in enumerate(values, 1) if value > 0.0)
         yield from _against_others(key, values, "", "damping ratios", 1.0 / IN_A_PART, IN_A_PART)
+    if spec.numerical.matrices is not None:
+        return
     masses, stiffness = np.diag(building.M), _stiffness(building)
     critical = 2.0 * np.sqrt(masses * stiffness)
     p = len(spec.numerical.masses_kg)
@@ -69,6 +77,25 @@ def of_damping(spec: StructureSpec, damping: Sequence[DampingSpec], building: Bu
         if level.first_mode_ratio is not None:
             yield _of_ratio(f"{named}.first_mode_ratio", level.first_mode_ratio, 1, 1, LEAST_MODE_RATIO)
         yield from _of_dashpots(f"{named}.dashpots_n_s_per_m", level.dashpots_n_s_per_m or (), critical[:p], of_own)
+
+
+def _of_frame(spec: StructureSpec, matrices: MatricesSpec, building: Building) -> Iterator[Comparison]:
+    """Yield the comparisons of a frame's mass and stiffness, each by what no other file changes alike."""
+    frame, on_table = building.unreduced.numerical, spec.experimental.masses_kg
+    keys = tuple(f"{NUMERICAL}.matrices.{key}" for key in ("mass", "stiffness"))
+    asked = f"are the files in {matrices.units.length}, {matrices.units.force} and {matrices.units.mass} (units)?"
+    drift = float(np.max(np.abs(np.linalg.solve(frame.K, STANDARD_GRAVITY_M_S2 * frame.inertia_kg) * frame.ground)))
+    hz, mean = float(mode_shapes(frame.mass_matrix, frame.K)[0][0]), sum(on_table) / len(on_table)
+    said = f"mode 1 of the frame {hz:.2g} Hz, largest displacement under 1 g sideways"
+    yield Comparison(keys[1], drift, "m", "1 m", 1.0, 0.0, LARGEST_DRIFT_M, (keys[0],), said, asked)
+    said = "the first mode of the frame"
+    yield Comparison(keys[0], hz, "Hz", "1 Hz", 1.0, 0.0, STIFFEST_HZ, (keys[1],), said, asked, power=0.5)
+    whole = float(frame.ground @ frame.inertia_kg)
+    key = f"{EXPERIMENTAL}.masses_kg"
+    said = "the mass of the frame"
+    against = "the mean floor on the table"
+    yield Comparison(keys[0], whole, "kg", against, mean, 0.01, FRAME_OVER_FLOOR, (key,), said, asked)
+    yield from _of_table_alone(spec)
 
 
 def _weights(building: Building) -> Array:
@@ -114,14 +141,18 @@ def _of_masses(spec: StructureSpec) -> Iterator[Comparison]:
 
 def _of_table(spec: StructureSpec) -> Iterator[Comparison]:
     """Yield the comparisons of what stands on the table."""
-    own, on_table = spec.numerical.masses_kg, spec.experimental.masses_kg
+    own = spec.numerical.masses_kg
     keys = (f"{NUMERICAL}.masses_kg", f"{EXPERIMENTAL}.masses_kg")
-    weight = sum(on_table) + spec.interface_experimental_mass_kg
-    lightest = "the lightest specimen that a table shakes"
-    yield Comparison(keys[1], weight, "kg", lightest, LIGHTEST_SPECIMEN_KG, 1.0, inf, (), "the specimen")
+    yield from _of_table_alone(spec)
     if spec.interface_experimental_mass_kg > 0.0:
         key, mass = "structure.interface_experimental_mass_kg", spec.interface_experimental_mass_kg
         yield Comparison(key, mass, "kg", "the whole interface floor", own[-1], 0.005, 1.0, (keys[0],))
+
+
+def _of_table_alone(spec: StructureSpec) -> Iterator[Comparison]:
+    weight = sum(spec.experimental.masses_kg) + spec.interface_experimental_mass_kg
+    key, lightest = f"{EXPERIMENTAL}.masses_kg", "the lightest specimen that a table shakes"
+    yield Comparison(key, weight, "kg", lightest, LIGHTEST_SPECIMEN_KG, 1.0, inf, (), "the specimen")
 
 
 def _of_stiffness(spec: StructureSpec, building: Building) -> Iterator[Comparison]:
@@ -139,6 +170,10 @@ def _of_stiffness(spec: StructureSpec, building: Building) -> Iterator[Compariso
         against, others = "that on the table", (f"{EXPERIMENTAL}.stiffness_n_per_m",)
         said = "the median of the list"
         yield Comparison(key, own, "N/m", against, on_table, *STIFFNESS_OF_PARTS, others, said)
+    yield from _of_stiffness_on_table(spec)
+
+
+def _of_stiffness_on_table(spec: StructureSpec) -> Iterator[Comparison]:
     modes_hz = spec.experimental.natural_frequencies_hz or ()
     for i, (low, high) in enumerate(pairwise(modes_hz), 2):
         key = f"{EXPERIMENTAL}.natural_frequencies_hz"

@@ -77,7 +77,7 @@ def check_points(asked: Asked, shared: Shared, progress: Progress, planned: Plan
             doubts.setdefault(str(doubt.values["question"]), []).append(str(doubt))
         for doubt in baseline_note(setup):
             doubts.setdefault(setup.case.record.name, []).append(str(doubt))
-        storeys, first = max(storeys, setup.case.n_storeys), first or setup
+        storeys, first = max(storeys, setup.building.storeys), first or setup
         has_laws, has_truth = has_laws or not setup.building.linear, has_truth or is_another(setup)
     assert first is not None  # a plan has a point
     if unread:

@@ -12,6 +12,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
+from rths_cli.structure.programs import laws_of_program, program_of, tangent_of_program
 from rths_cli.structure.shear_chain import (
     Building,
     Numerical,
@@ -37,7 +38,7 @@ class NumericalSpec(Protocol):
     @property
     def masses_kg(self) -> Sequence[float]: ...
     @property
-    def stiffness_n_per_m(self) -> str | Sequence[float]: ...
+    def stiffness_n_per_m(self) -> str | Sequence[float] | None: ...  # None: a program, of which more is asked
 
 
 class ExperimentalSpec(Protocol):
@@ -102,6 +103,9 @@ def build(spec: StructureSpec, damping: DampingSpec) -> Building:
     laws = _laws(spec, numerical, specimen)
     numerical = _with_tangents_at_rest(numerical, laws)
     total = assemble(numerical, specimen, interface_mass)
+    if (program := program_of(spec.numerical)) is not None:
+        forces = laws_of_program(len(numerical.masses_kg))
+        return Building(numerical, specimen, interface_mass, *total, notes, heights, forces, program)
     return Building(numerical, specimen, interface_mass, *total, notes, heights, arranged(laws))
 
 
@@ -208,10 +212,13 @@ def _notes_on(solutions: Array) -> tuple[str, ...]:
 def _undamped_numerical(spec: StructureSpec, specimen: Specimen) -> Numerical:
     """Return the numerical substructure without dashpots, its mass without what stands on the table."""
     masses = np.array(spec.numerical.masses_kg, dtype=float)
+    if (program := program_of(spec.numerical)) is not None:  # its model has the computed part's mass alone
+        return Numerical(masses, tangent_of_program(program, masses), np.zeros((len(masses), len(masses))))
     masses[-1] -= spec.interface_experimental_mass_kg
     stiffness = spec.numerical.stiffness_n_per_m
     if isinstance(stiffness, str):
         stiffness = [float(np.mean(storey_values(specimen.K)))] * len(masses)
+    assert stiffness is not None  # storeys state it
     K = storey_matrix(stiffness)
     _check_stiffness("structure.numerical", masses, K)
     return Numerical(masses, K, np.zeros((len(masses), len(masses))))

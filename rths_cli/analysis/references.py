@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from rths_cli.analysis.frame_sim import simulate_unreduced
 from rths_cli.analysis.nonlinear_sim import simulate_with_laws
 from rths_cli.analysis.nonlinear_sim_delay import simulate_delayed_with_laws
+from rths_cli.analysis.program_sim import simulate_delayed_with_program, simulate_with_program
 from rths_cli.analysis.sim import Response, simulate
 from rths_cli.analysis.sim_delay import DelayedResponse, simulate_delayed
 from rths_cli.errors import InputError
@@ -59,6 +60,7 @@ def _delayed_with_laws(
 
 REFERENCES = (
     Reference("exact modes", ("linear",), _modal, _modal_delayed),
+    Reference("programs", ("has_program",), simulate_with_program, simulate_delayed_with_program),
     Reference("laws of storeys", ("has_laws",), simulate_with_laws, _delayed_with_laws),
 )
 """Every reference, the one that is preferred first."""

@@ -11,15 +11,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from rths_cli.case.case_schema import TEST_BAND_RANGE, CaseKeys, IdentificationSpec, KalmanSpec
 from rths_cli.case.field_types import near
 from rths_cli.case.named_files import find, kind_of_tree, no_case
+from rths_cli.case.program_schema import ProgramSpec
 from rths_cli.case.real_rig_overrides import is_real, made_real, over_real_rig, set_inside
 from rths_cli.case.recorded_run_schema import RECORDED_RUNS
 from rths_cli.case.structure_schema import OF_MATRICES
 from rths_cli.case.yaml_reader import Fault, Mark, Node, Source, display, parse, plain, printable, read_file
 from rths_cli.errors import InputError
 from rths_cli.numerics.bands import with_test_band
+from rths_cli.programs import described
 
 FOLLOWING = (
     ("identification", "compared_hz", IdentificationSpec),
@@ -45,6 +49,7 @@ RIVALS = {
     "dashpots_n_s_per_m": ("damping_ratios", "first_mode_ratio", *OF_MATRICES),
     "matrices": ("masses_kg", "stiffness_n_per_m", "law"),
     **{key: ("first_mode_ratio", "dashpots_n_s_per_m", *(set(OF_MATRICES) - {key})) for key in OF_MATRICES},
+    "rate_hz": ("stiffness_n_per_m", "law", "masses_kg"),  # of a program in the place of computed storeys
 }
 Setting = tuple[tuple[str, ...], Node]
 NOTHING_TYPED: Mapping[str, str] = {}
@@ -466,6 +471,9 @@ def _with_calibration(rig: Node, above: str, faults: list[Fault]) -> Node:
 def _with_law_files(structure: Node, above: str, faults: list[Fault]) -> Node:
     """Return a structure with the absolute path and the checksum of every file that a law of a storey names."""
     numerical = structure.children.get("numerical")
+    if numerical is not None and "kind" in numerical.children:
+        program = _with_masses(_with_law_file(numerical, f"{above}numerical", faults), f"{above}numerical", faults)
+        return replace(structure, value={**structure.children, "numerical": program})
     law = numerical.children.get("law") if numerical is not None else None
     if numerical is None or law is None:
         return structure
@@ -474,6 +482,24 @@ def _with_law_files(structure: Node, above: str, faults: list[Fault]) -> Node:
         structure,
         value={**structure.children, "numerical": replace(numerical, value={**numerical.children, "law": law})},
     )
+
+
+def _with_masses(program: Node, key: str, faults: list[Fault]) -> Node:
+    """Return a program with the masses of its OpenSees model, where the file leaves them to the model."""
+    kind = program.children["kind"]
+    if kind.value != "opensees" or "masses_kg" in program.children:
+        return program
+    try:
+        asked = ProgramSpec.model_validate(plain(program)).description
+    except ValidationError:
+        return program  # the model of the whole file tells the faults
+    try:
+        masses = described(asked).masses_kg.tolist()
+    except InputError as error:
+        faults.append(Fault(kind.mark, key, str(error)))
+        masses = [1.0]
+    named = Node(tuple(Node(mass, kind.mark) for mass in masses), kind.mark, kind.key_mark)
+    return replace(program, value={**program.children, "masses_kg": named})
 
 
 def _with_law_file(law: Node, key: str, faults: list[Fault]) -> Node:

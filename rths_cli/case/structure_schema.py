@@ -6,10 +6,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag, ValidationError, field_validator
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    field_validator,
+)
 
 from rths_cli.case.field_types import Problem, Range, Strict, count, entry, exactly_one, listed, number, same_length
 from rths_cli.case.matrices_schema import MatricesSpec, NamedMatrix, RayleighSpec
+from rths_cli.case.program_schema import ProgramSpec
 from rths_cli.case.storey_law_schema import StoreyLaws
 from rths_cli.errors import InputError
 
@@ -149,6 +160,15 @@ class NumericalSpec(Strict):
         yield from same_length(data, "law", storeys, "storey")
 
 
+def _storeys_or_program(data: Any, handler: ValidatorFunctionWrapHandler) -> NumericalSpec | ProgramSpec:
+    """Return computed storeys or, with a `kind`, a program; raises the faults of that model alone."""
+    if isinstance(data, NumericalSpec | ProgramSpec):
+        return data
+    if isinstance(data, Mapping) and "kind" in data:
+        return ProgramSpec.model_validate(data)
+    return NumericalSpec.model_validate(data)
+
+
 class ExperimentalSpec(Strict):
     """Hold the storeys on the table: values (n,) of storeys from the table upwards, or of modes."""
 
@@ -187,8 +207,9 @@ class StructureSpec(Strict):
     wanted: ClassVar[str] = "a name or a mapping"
 
     name: str = Field(default="inline", description="label in tables; default: the file's name")
-    numerical: NumericalSpec = Field(
-        description="the computed storeys 1 to p, from the ground; the highest is the interface"
+    numerical: Annotated[NumericalSpec | ProgramSpec, WrapValidator(_storeys_or_program)] = Field(
+        description="the computed storeys 1 to p, from the ground, the highest is the interface; with a kind: a "
+        "program that computes their forces"
     )
     experimental: ExperimentalSpec = Field(description="the storeys on the table")
     interface_experimental_mass_kg: Annotated[float, Range(ge=0, le=1e7)] = Field(

@@ -194,6 +194,13 @@ class Blocks:
         faults = [(one.name, one.fault) for one in self.in_python if one.fault is not None]
         return f"{faults[0][0]} failed: {type(faults[0][1]).__name__}: {faults[0][1]}" if faults else ""
 
+    def finish(self) -> None:
+        """End the processes of parts that have any; called after each run."""
+        for one in self.in_python:
+            end = getattr(one, "close", None)
+            if end is not None:
+                end()
+
     def raise_interruption(self) -> None:
         """Raise what came while a Python object was called and is no fault of it, such as KeyboardInterrupt."""
         for one in self.in_python:

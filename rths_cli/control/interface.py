@@ -82,6 +82,9 @@ def no_force(channels: int, estimates: int = 1) -> Interface:
     return Interface(force_of_one(np.zeros(estimates), np.zeros(0), np.zeros(channels), 0.0))
 
 
+LAW_FORCE = "law_force_"  # first part of the name of what is logged of laws, before the storey's number
+
+
 class Logged(NamedTuple):
     """A value that a part writes to the log in every step."""
 

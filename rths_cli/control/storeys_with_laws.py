@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from rths_cli.control.interface import LAW_FORCE as LAW_FORCE
 from rths_cli.control.interface import Logged
 from rths_cli.control.numerical_substructure import (
     INPUTS,
@@ -22,13 +23,12 @@ from rths_cli.control.numerical_substructure import (
     interface,
     state_space,
 )
+from rths_cli.control.program_storeys import ProgramStoreys, program_storeys
 from rths_cli.control.state_space import discretise
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, Block, StateSpace
 from rths_cli.structure import Building, Numerical
 from rths_cli.structure.storey_laws import Laws
-
-LAW_FORCE = "law_force_"  # first part of the name of what is logged, before the storey's number
 
 
 @dataclass(frozen=True)
@@ -107,16 +107,19 @@ class StoreysWithLaws:
         return float(np.abs(np.linalg.eigvals(whole)).max())
 
 
-def computed_storeys(building: Building, dt_s: float, scheme: Scheme) -> Block | StoreysWithLaws:
+def computed_storeys(building: Building, dt_s: float, scheme: Scheme) -> Block | StoreysWithLaws | ProgramStoreys:
     """Return the design of a building's numerical substructure.
 
-    Raises InputError where the scheme is unstable by itself, and for laws with another one than `exact`.
+    Raises InputError where the scheme is unstable by itself, for laws with another one than `exact`, and as
+    `program_storeys`.
     """
     if building.linear:
         check_scheme(building.numerical, dt_s, scheme)
         return interface(building.numerical, dt_s, scheme)
     if scheme != "exact":
         raise InputError(f"integration: storeys with laws are integrated by exact only, not by {scheme}; remove it")
+    if building.has_program:
+        return program_storeys(building, dt_s)
     design = StoreysWithLaws(building.numerical, building.laws, dt_s)
     check_laws(design)
     return design

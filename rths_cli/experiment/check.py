@@ -40,11 +40,13 @@ from rths_cli.analysis.predicted_error import (
     predict,
     white_noise_m_s2,
 )
+from rths_cli.analysis.program_stability import modes_in_transition
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.stability_check import Reach, Strays, reach_of_series
 from rths_cli.analysis.true_error import OwnError, best_remedy, sensitivities, true_error
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.numerical_substructure import interface
+from rths_cli.control.program_storeys import ProgramStoreys
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
 from rths_cli.experiment import run_metrics
@@ -82,6 +84,7 @@ if TYPE_CHECKING:
 
 SOFTEST = 0.01  # of a storey's stiffness at rest: a softer building does not return within a record
 AT_REST = "at rest"
+DAMPING_LEFT = 0.5  # of a mode's damping, that the rate transition of a program must leave
 REACTION_RANGE = 0.5, 1.0  # judged with a feedforward of the reaction if the case states no specimen_range
 
 MOST_ERROR = 0.5  # times SIM's RMS: a storey that is farther off does not do the test
@@ -145,6 +148,24 @@ def faults_at_tangents(verdicts: tuple[TangentVerdict, ...]) -> tuple[Finding, .
         name, worst = max(same, key=lambda each: each[1].beyond)
         told.append(worst.at("at.tangent", tangent=name, more=len(same) - 1 or None))
     return tuple(told)
+
+
+def transition_faults(building: Building, blocks: Blocks) -> tuple[Finding, ...]:
+    """Return why the rate transition of a program is refused: the mode that it damps least for its own damping, at rest
+    or at a tangent met in SIM, where more than half of that damping is gone; () for other buildings."""
+    storeys = blocks.numerical
+    if not isinstance(storeys, ProgramStoreys) or storeys.plan is None:
+        return ()
+    found = []
+    for one in (Tangent(AT_REST, at_rest(building)), *at_tangents(building, SOFTEST)):
+        for mode in modes_in_transition(one.building, storeys.plan, storeys.plan.block.dt_s):
+            if mode.ratio > 0.0 and mode.ratio + mode.added < DAMPING_LEFT * mode.ratio:
+                found.append(((mode.ratio + mode.added) / mode.ratio, one.name, mode))
+    if not found:
+        return ()
+    _, where, worst = min(found, key=lambda each: each[0])
+    values = {"mode_hz": worst.hz, "left": worst.ratio + worst.added, "own": worst.ratio, "where": where}
+    return (Finding("loop.transition", values),)
 
 
 def _frozen(building: Building, ends: tuple[float, ...] | None) -> list[Tangent]:
@@ -501,7 +522,7 @@ def _judge_one(
     stable = prediction if found.radius < 1.0 else None
     ends = stated_ends(setup.case, design.blocks.counters_reaction)
     tangents = tangent_verdicts(setup, identified, as_designed.blocks, whole, shared, ends)
-    further = (*preflight.unseen(known), *faults_at_tangents(tangents))
+    further = (*preflight.unseen(known), *faults_at_tangents(tangents), *transition_faults(whole, as_designed.blocks))
     simulated, replay = None, None
     if stable is not None and whole.has_laws:
         played = replace(as_designed, blocks=as_designed.blocks.without_compensation())  # beside what it leaves
@@ -672,8 +693,8 @@ def _declared_wrong(setup: Setup, whole: Building, known: PredictionInputs, shar
 def with_laws(setup: Setup, identified: Identification, design: Design) -> Building:
     """Return the building as identified, with the laws of its computed storeys where the step has them."""
     building = as_identified(setup, _specimen(identified))
-    known = isinstance(design.blocks.numerical, StoreysWithLaws)
-    return replace(building, laws=setup.building.laws) if known else building
+    known = isinstance(design.blocks.numerical, StoreysWithLaws | ProgramStoreys)
+    return replace(building, laws=setup.building.laws, program=setup.building.program) if known else building
 
 
 def _declared_wrong_at_level(

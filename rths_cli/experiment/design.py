@@ -35,6 +35,7 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.feedback import DEFAULT, Feedback, Weights, none
 from rths_cli.control.interface import Interface, force_of_one
 from rths_cli.control.numerical_substructure import INPUTS, INTERFACE, all_storeys
+from rths_cli.control.program_storeys import ProgramStoreys
 from rths_cli.control.python_control import from_control
 from rths_cli.control.reaction import compliance
 from rths_cli.control.state_space import static
@@ -339,13 +340,16 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
     case, dt, shared = setup.case, setup.rig.dt_s, shared or SharedValues()
     best = case.method == "best"
     model = identified.best if best else identified.paper
+    storeys = computed_storeys(setup.building, dt, case.integration)
+    if isinstance(storeys, ProgramStoreys):
+        storeys = storeys.knowing(setup.motion.accel_m_s2)
     lead = feedforward.lead_samples(model, dt) if best and case.controller.inverts else 0
     lead = lead if setup.compensator is None else setup.compensator.lead_samples
     shear = _shear(setup, identified, lead)
     blocks = Blocks(
         correction=sensor_correction.correction(setup.rig.channels, dt, setup.removes_sensors),
         estimator=_estimator(setup, _specimen(identified), lead),
-        numerical=computed_storeys(setup.building, dt, case.integration),
+        numerical=storeys,
         feedforward=_feedforward(setup, identified, model, lead),
         feedback=feedback.none(dt),
         interface=Interface(shear),

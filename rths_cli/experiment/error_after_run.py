@@ -332,7 +332,7 @@ def reference_building(uncertain: Uncertain, found: FoundSpecimen) -> Building:
     if not found.changed:
         return uncertain.at_level
     building = on_specimen(uncertain.building, _as_found(uncertain, found))
-    return replace(building, laws=uncertain.building.laws)
+    return replace(building, laws=uncertain.building.laws, program=uncertain.building.program)
 
 
 def _linear(uncertain: Uncertain, found: FoundSpecimen) -> Building:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.case.compensator_schema import CompensatorSpec
+from rths_cli.case.rig_capabilities import capabilities_of
 from rths_cli.case.shipped_files import is_shipped
 from rths_cli.control.interface import PartDesign
 from rths_cli.control.storeys_with_laws import computed_storeys
@@ -38,10 +39,12 @@ from rths_cli.quantities import metrics_of
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.from_case import calibration_faults, rig_info, skew_faults, true_values
 from rths_cli.structure import Building, Similitude, Specimen, build, modes, similitude_of, with_masses
+from rths_cli.structure.programs import laws_of_program
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from rths_cli.analysis.sim import Response
     from rths_cli.case.case_schema import Case
     from rths_cli.control.compensator import Compensator
     from rths_cli.control.interface import OwnParts
@@ -229,6 +232,8 @@ def make_setup(
     )
     if set(case.runs) - {"sim", "sim_delay"}:
         refuse_unstable_steps(case, building)
+        if building.has_program:
+            building = _at_met_tangents(case, building, motion, shared)
     masses, info = np.asarray(case.structure.experimental.masses_kg, dtype=float), rig_info(case)
     try:
         true_values(case, info)
@@ -251,6 +256,32 @@ def _with_masses(case: Case) -> Case:
     except InputError as error:
         raise InputError(*(placed(case, fault) for fault in error.faults)) from error
     return case if structure is case.structure else case.model_copy(update={"structure": structure})
+
+
+def _at_met_tangents(case: Case, building: Building, motion: GroundMotion, shared: SharedValues) -> Building:
+    """Return a building with a program that knows the tangents which its forces have in SIM, the pre-run of the check.
+
+    Raises InputError for a rig that moves hardware.
+    """
+    from rths_cli.analysis.program_sim import met_tangents
+    from rths_cli.analysis.references import reference_of
+
+    if capabilities_of(case.table.kind).moves_hardware:
+        raise InputError(
+            placed(
+                case,
+                f"structure.numerical: a program runs in simulated time only, and the rig {case.table.name} moves "
+                "hardware: a late answer there has not been tested; use a virtual rig, or computed storeys with laws",
+            )
+        )
+    dt_s, asked = 1.0 / case.sample_rate_hz, (motion_key(case), building_key(case))
+
+    def solve() -> Response:
+        return reference_of(building).sim(building, dt_s, motion.accel_m_s2)
+
+    sim = shared.get("sim", asked, lambda: interruptible(solve))
+    found = met_tangents(building, sim)
+    return replace(building, laws=laws_of_program(len(found), found))
 
 
 def _compensator(case: Case) -> Compensator | None:

@@ -36,6 +36,10 @@ LOOP = {
     "loop.delay": refuses(
         "the loop tolerates only {tolerated_s:.3g ms} of further delay, {required_s:.3g ms} are required; {advice}"
     ),
+    "loop.transition": refuses(
+        "structure.numerical.rate_hz: asked at this rate, the program leaves the mode at {mode_hz:.3g} Hz {left:.2f %} "
+        "damping of {own:.2f %} ({where!w}); raise rate_hz, or lower compute_time_s if the program answers sooner"
+    ),
     "loop.simulated_stop": refuses(
         "the test simulated on the identified rig does not reach its end: at {at_s:.3f} s {stopped_by}"
     ),

@@ -114,7 +114,10 @@ def play_identified(
     guard_state = fresh_guard(sizes.channels, sizes.actuators, sizes.axes)
     log = empty_log(len(drive), sizes, truths=sizes.channels)
     drive = np.ascontiguousarray(drive, dtype=float)
-    steps = int(run_identified(_sampled(plant), state, limits, guard_state, drive, disturbed, log))
+    try:
+        steps = int(run_identified(_sampled(plant), state, limits, guard_state, drive, disturbed, log))
+    finally:
+        blocks.finish()
     blocks.raise_interruption()
     named = signals(log, sizes)
     cause = cause_of(info, blocks, limits, guard_state, named)

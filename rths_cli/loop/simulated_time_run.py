@@ -147,6 +147,7 @@ def play(
     finally:
         rig.rest()
         rig.close()
+        blocks.finish()
     blocks.raise_interruption()
     named = signals(log, sizes)
     reason = int(guard_state.flags[1])

@@ -14,6 +14,7 @@ from rths_cli.errors import InputError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
 from rths_cli.structure.frame_reduction import numerical_of
+from rths_cli.structure.programs import laws_of_program, program_of, tangent_of_program
 from rths_cli.structure.shear_chain import (
     Building,
     Numerical,
@@ -39,7 +40,9 @@ class NumericalSpec(Protocol):
     @property
     def masses_kg(self) -> Sequence[float]: ...
     @property
-    def stiffness_n_per_m(self) -> str | Sequence[float] | None: ...
+    def stiffness_n_per_m(
+        self,
+    ) -> str | Sequence[float] | None: ...  # None: matrices, a program
 
 
 class ExperimentalSpec(Protocol):
@@ -106,6 +109,9 @@ def build(spec: StructureSpec, damping: DampingSpec) -> Building:
     laws = _laws(spec, numerical, specimen)
     numerical = _with_tangents_at_rest(numerical, laws)
     total = assemble(numerical, specimen, interface_mass)
+    if (program := program_of(spec.numerical)) is not None:
+        forces = laws_of_program(len(numerical.masses_kg))
+        return Building(numerical, specimen, interface_mass, *total, notes, heights, forces, program)
     return Building(numerical, specimen, interface_mass, *total, notes, heights, arranged(laws))
 
 
@@ -235,11 +241,13 @@ def _notes_on(solutions: Array) -> tuple[str, ...]:
 def _undamped_numerical(spec: StructureSpec, specimen: Specimen) -> Numerical:
     """Return the numerical substructure without dashpots, its mass without what stands on the table."""
     masses = np.array(spec.numerical.masses_kg, dtype=float)
+    if (program := program_of(spec.numerical)) is not None:  # its model has the computed part's mass alone
+        return Numerical(masses, tangent_of_program(program, masses), np.zeros((len(masses), len(masses))))
     masses[-1] -= spec.interface_experimental_mass_kg
     stiffness = spec.numerical.stiffness_n_per_m
     if isinstance(stiffness, str):
         stiffness = [float(np.mean(storey_values(specimen.K)))] * len(masses)
-    assert stiffness is not None  # without matrices
+    assert stiffness is not None  # without matrices and programs
     K = storey_matrix(stiffness)
     _check_stiffness("structure.numerical", masses, K)
     return Numerical(masses, K, np.zeros((len(masses), len(masses))))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rths_cli.numerics.lti import Array, ComplexArray, Integers
+from rths_cli.structure.programs import ProgramPart
 from rths_cli.structure.storey_laws import Laws, arranged
 
 ROUNDING = float(np.finfo(float).eps)
@@ -178,7 +179,8 @@ class Building:
 
     `M`, `C`, `K` (p + n, p + n) describe the total structure in displacements relative to the ground;
     `notes` are sentences for the user (for instance the stiffness solutions not taken); `heights_m` (p + n,) are the
-    storeys' heights where they are known. `laws` act beside M, C and K, which hold their tangents at rest.
+    storeys' heights where they are known. `laws` act beside M, C and K, which hold their tangents at rest; those of a
+    `program` are what its forces are beside them.
     """
 
     numerical: Numerical
@@ -190,6 +192,7 @@ class Building:
     notes: tuple[str, ...] = ()
     heights_m: Array | None = None
     laws: Laws = field(default_factory=lambda: arranged(()))
+    program: ProgramPart | None = None
 
     @property
     def linear(self) -> bool:
@@ -241,6 +244,11 @@ class Building:
     def has_laws(self) -> bool:
         """Return whether storeys have laws, beside M, C and K."""
         return not self.linear
+
+    @property
+    def has_program(self) -> bool:
+        """Return whether a program computes the forces of its numerical floors."""
+        return self.program is not None
 
     @property
     def storeys(self) -> int:

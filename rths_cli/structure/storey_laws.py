@@ -16,8 +16,9 @@ import numpy as np
 
 from rths_cli.numerics.lti import Array, Integers
 
-BILINEAR, CLOUGH, GAP, CUBIC, VISCOUS, MAXWELL, BOUC_WEN, OWN, SOFTENING = range(9)
-"""Codes by which compiled functions know a law; friction is a bilinear law without a spring beyond its limit."""
+BILINEAR, CLOUGH, GAP, CUBIC, VISCOUS, MAXWELL, BOUC_WEN, OWN, SOFTENING, PROGRAM = range(10)
+"""Codes by which compiled functions know a law; friction is a bilinear law without a spring beyond its limit. No
+compiled function computes a program's forces."""
 NUMBERS = 16  # of a law in compiled functions
 OWN_PARAMETERS = NUMBERS - 1  # at most, of a user's own law; the last number is its greatest dashpot
 OWN_STATES = 8  # at most, that a user's own law remembers

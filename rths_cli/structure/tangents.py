@@ -23,8 +23,8 @@ class Tangent:
 
 
 def at_rest(building: Building) -> Building:
-    """Return a building without its laws; its storeys hold the tangents at rest."""
-    return building if building.linear else replace(building, laws=arranged(()))
+    """Return a building without its laws or program; its storeys hold the tangents at rest."""
+    return building if building.linear else replace(building, laws=arranged(()), program=None)
 
 
 def at_tangents(building: Building, least: float = -np.inf) -> list[Tangent]:
@@ -77,7 +77,7 @@ def _ranges(building: Building, stiffness: Array) -> tuple[Array, Array]:
     for i, storey in enumerate(laws.storey):
         both[0, storey] += laws.stiffness[i]
         both[1, storey] += laws.dashpot[i]
-    locked = LOCKING * 2.0 * np.sqrt(stiffness * np.trace(building.M))
+    locked = LOCKING * 2.0 * np.sqrt(np.abs(stiffness) * np.trace(building.M))
     return both[0], np.minimum(both[1], locked[:, None])
 
 
@@ -94,5 +94,8 @@ def on_specimen(building: Building, specimen: Specimen) -> Building:
 
 def _building(building: Building, stiffness: Array, dashpots: Array) -> Building:
     numerical = replace(building.numerical, K=storey_matrix(stiffness), C=storey_matrix(dashpots))
+    if building.has_program:  # its floors are no chain: what a tangent changes is one
+        added = storey_matrix(stiffness - storey_values(building.numerical.K))
+        numerical = replace(building.numerical, K=building.numerical.K + added)
     mass = building.interface_experimental_mass_kg
     return Building(numerical, building.specimen, mass, *assemble(numerical, building.specimen, mass))

@@ -12,7 +12,7 @@ PACKAGE = ROOT / "rths_cli"
 BEGIN, END = "<!-- modules: made by python tests/helpers/docs_reference.py -->\n", "<!-- end of modules -->\n"
 ORDER = (
     "cli", "api", "report", "benchmark", "studies", "laboratory", "experiment", "loop", "analysis", "identification",
-    "control", "rigs", "structure", "files", "case", "numerics", "quantities", "findings",
+    "control", "rigs", "structure", "files", "case", "programs", "numerics", "quantities", "findings",
 )  # fmt: skip
 LONGEST = 110  # characters of what is said of a module; a longer sentence ends at its last mark before that
 

@@ -1,0 +1,137 @@
+"""The rate transition of a program: exact without a residual, of second order, and without jumps when answers are late.
+
+The reference is `scipy.signal.lsim` of the undivided building with many samples to each of the step's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+
+from rths_cli.analysis.program_stability import LinearProgram, coupled_step, modes_in_transition, specimen_block
+from rths_cli.control.program_storeys import ProgramStoreys, RateTransition, program_storeys
+from rths_cli.errors import InputError
+from rths_cli.numerics.lti import Array
+from rths_cli.programs import Description, ProgramFault
+from rths_cli.structure import Building, Numerical, Specimen, assemble, build
+from rths_cli.structure.programs import ProgramPart, laws_of_program
+
+DT_S = 1.0 / 2048.0
+TIME_S = np.arange(0.0, 4.0, DT_S)
+GROUND = 2.0 * np.sin(2.0 * np.pi * 2.2 * TIME_S) * np.exp(-((TIME_S - 1.5) ** 2))
+
+
+def paper(factor: float = 1.0) -> Building:
+    """Return the paper's building, with a factor on the stiffness of its lower storey."""
+    experimental = SimpleNamespace(
+        masses_kg=(6.91, 6.95), natural_frequencies_hz=None, stiffness_n_per_m=(7331.56, 7376.4),
+        damping_ratios=(0.043, 0.039), dashpots_n_s_per_m=None,
+    )  # fmt: skip
+    spec = SimpleNamespace(
+        numerical=SimpleNamespace(masses_kg=(6.93,), stiffness_n_per_m=(factor * 7354.0,)), experimental=experimental,
+        interface_experimental_mass_kg=0.0,
+    )  # fmt: skip
+    return build(spec, SimpleNamespace(first_mode_ratio=None, dashpots_n_s_per_m=(22.163,)))
+
+
+def design(
+    rate_hz: float, answer_s: float, factor: float, stalls: tuple[tuple[float, float], ...] = ()
+) -> ProgramStoreys:
+    part = ProgramPart(Description("python", "", "", "x"), rate_hz, answer_s, factor, stalls)
+    building = replace(paper(), program=part, laws=laws_of_program(1))
+    return program_storeys(building, DT_S).knowing(GROUND)
+
+
+def played(made: ProgramStoreys) -> tuple[Array, Array]:
+    """Return the interface's accelerations (n,) on a perfect table, and what is logged (2, n)."""
+    assert made.plan is not None
+    building = paper()
+    floors = RateTransition(made.plan, LinearProgram(building.numerical.K))
+    specimen = specimen_block(building.specimen, 0.0, DT_S)
+    state, accel, logged = np.zeros(len(specimen.A)), np.zeros(len(GROUND)), np.zeros((2, len(GROUND)))
+    for k, ground in enumerate(GROUND):
+        state, motion = coupled_step(floors, specimen, state, np.array([ground, 0.0, 0.0]))
+        accel[k], logged[:, k] = motion[0, 0], floors.logged
+    return accel, logged
+
+
+def undivided() -> Array:
+    b, n = paper(), 3
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(b.M, b.K), -np.linalg.solve(b.M, b.C)]])
+    B = np.concatenate([np.zeros((n, 1)), -np.ones((n, 1))])
+    return np.asarray(lsim((A, B, A[n : n + 1], np.zeros((1, 1))), GROUND, TIME_S)[1])
+
+
+def error(found: Array, reference: Array) -> float:
+    return float(np.sqrt(np.mean((found - reference) ** 2) / np.mean(reference**2)))
+
+
+def test_without_a_residual_the_rate_changes_nothing() -> None:
+    fast, slow = (played(design(rate, 1.0 / rate, 1.0))[0] for rate in (2048.0, 64.0))
+    assert np.abs(fast - slow).max() <= 1e-9 * np.abs(fast).max()
+    assert error(fast, undivided()) < 2e-4
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+def test_a_fifth_of_the_force_left_to_the_residual_is_followed_with_second_order(factor: float) -> None:
+    exact = played(design(2048.0, DT_S, 1.0))[0]
+    found = {rate: error(played(design(rate, 1.0 / rate, factor))[0], exact) for rate in (2048.0, 256.0, 64.0)}
+    assert found[2048.0] < 1e-4
+    assert found[256.0] < 5e-3
+    assert 10.0 < found[64.0] / found[256.0] < 40.0  # 16 is that of second order
+
+
+def test_a_late_answer_makes_no_jump_and_is_told() -> None:
+    usual, logged = played(design(256.0, 1.0 / 256.0, 1.2))
+    late, told = played(design(256.0, 1.0 / 256.0, 1.2, stalls=((1.5, 0.010),)))
+    assert logged[1].sum() == 0.0
+    assert 0.0 < told[1].sum() <= 0.012 / DT_S
+    steps = np.abs(np.diff(late)).max() / np.abs(np.diff(usual)).max()
+    assert steps < 1.05
+    assert error(late, usual) < 0.02
+
+
+def test_a_program_silent_for_four_intervals_stops_the_test() -> None:
+    with pytest.raises(ProgramFault, match="has not answered for"):
+        played(design(256.0, 1.0 / 256.0, 1.2, stalls=((1.5, 0.5),)))
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "answer_s", "told"), [(300.0, 0.001, "whole multiple"), (256.0, 0.01, "between two answers")]
+)
+def test_a_rate_that_cannot_be_held_is_refused(rate_hz: float, answer_s: float, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        design(rate_hz, answer_s, 1.0)
+
+
+@pytest.mark.parametrize("answer_s", [0.5 / 256.0, 1.0 / 256.0])
+def test_the_modes_in_the_transition_are_those_of_a_free_vibration(answer_s: float) -> None:
+    """The interval matrix foretells the decay of the transition played in time."""
+    plan = design(256.0, answer_s, 1.0).plan
+    assert plan is not None
+    softer = at_stiffness(0.5)
+    mode = modes_in_transition(softer, plan, DT_S)[0]
+    floors, specimen = (
+        RateTransition(plan, LinearProgram(softer.numerical.K)),
+        specimen_block(softer.specimen, 0.0, DT_S),
+    )
+    state, accel = np.zeros(len(specimen.A)), []
+    for k in range(round(20.0 / mode.hz / DT_S)):
+        kick = 1.0 if k * DT_S < 0.5 / mode.hz else 0.0
+        state, motion = coupled_step(floors, specimen, state, np.array([kick, 0.0, 0.0]))
+        accel.append(motion[0, 0])
+    period = round(1.0 / mode.hz / DT_S)
+    early, late = (max(map(abs, accel[n * period : (n + 1) * period])) for n in (8, 18))
+    ratio = np.log(early / late) / (2.0 * np.pi * 10.0)
+    assert mode.ratio + mode.added == pytest.approx(ratio, rel=0.03)
+
+
+def at_stiffness(factor: float) -> Building:
+    b = paper()
+    numerical = Numerical(b.numerical.masses_kg, factor * b.numerical.K, b.numerical.C)
+    specimen = Specimen(b.specimen.masses_kg, b.specimen.K, b.specimen.C)
+    return Building(numerical, specimen, 0.0, *assemble(numerical, specimen, 0.0))

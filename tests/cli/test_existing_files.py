@@ -20,7 +20,10 @@ from tests.helpers.page_results import write as write_result
 
 CASE = "el_centro_low_ff_fb"
 SHORT = ("--set", "record.file=short.csv")
-SUITE = ("--records", "suite", "--limit", "drift_m=0.002", "--on", "sim", "--hunt", "--levels", "0.3:1.2:5")
+SUITE = (
+    "--records", "suite", "--limit", "drift_m=0.002", "--on", "sim", "--hunt", "--levels", "0.3:2:5", "--set",
+    "record.baseline={remove: none, taper_s: 1}",
+)  # fmt: skip
 QUICK = ("--set", "identification.duration_s=40")
 
 

@@ -20,7 +20,7 @@ from rths_cli.files.sweep_file import read_sweep, rows_path
 from rths_cli.report import ida_page
 from rths_cli.studies.engines import Engine
 from rths_cli.studies.ida import AskedIda, plan_ida
-from rths_cli.studies.ida_curves import RUN, SIM, about_of, curves_of, hunt, outcome_of
+from rths_cli.studies.ida_curves import RUN, SIM, Curves, about_of, curves_of, hunt, outcome_of
 from rths_cli.studies.row_of_sweep import read_row
 from rths_cli.studies.study_plan import Asked
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
@@ -214,3 +214,14 @@ def test_what_the_file_says_reads_back(stripes: Swept) -> None:
     about = about_of(read_sweep(stripes.path).attributes)
     assert about is not None and about.limits[0].value == LIMIT and about.runs == (RUN, SIM)
     assert json.loads(str(stripes.sweep.attributes["ida"]))["measure"] == "sa_t1"
+
+
+def test_fractiles_are_those_of_the_records_between_and_above_what_was_run() -> None:
+    slopes = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    levels = np.array([1.0, 2.0, 4.0])
+    response = slopes[:, None] * levels
+    response[1, 1] = np.nan  # not run between two that were: on the straight line
+    response[4, 1:] = np.nan  # above the last one that was run
+    found = Curves(tuple("abcde"), levels, response, np.zeros((5, 3), dtype=int)).fractiles()
+    assert found[1].tolist() == [3.0, 6.0, 12.0] and found[0].tolist() == [1.0, 2.0, 4.0]
+    assert found[2, 0] == 5.0 and np.isnan(found[2, 1:]).all()

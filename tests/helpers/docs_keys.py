@@ -72,10 +72,22 @@ def case_page() -> str:
     tables = [
         ("The case", _rows(CaseKeys, "", skip=("structure", "table", "reference"))),
         ("`controller` that is a compensator", [*list(_rows(CompensatorSpec, "controller."))[1:], *_option_rows()]),
-        ("`structure`, and a structure file", _rows(StructureSpec, "structure.", skip=("structure.numerical.law",))),
+        (
+            "`structure`, and a structure file",
+            _once(_rows(StructureSpec, "structure.", skip=("structure.numerical.law",))),
+        ),
         ("`reference`, and a reference file", _rows(ReferenceSpec, "reference.")),
     ]
     return _page("case", tables)
+
+
+def _once(rows: Iterable[Row]) -> list[Row]:
+    """Return rows with one for each key: storeys and a program have keys of the same name."""
+    found: dict[str, Row] = {}
+    for row in rows:
+        first = found.get(row[0])
+        found[row[0]] = row if first is None else (*first[:3], f"{first[3]}; with a kind: {row[3]}")
+    return list(found.values())
 
 
 def _option_rows() -> Iterator[Row]:

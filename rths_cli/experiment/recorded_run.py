@@ -144,7 +144,7 @@ def _recorded_run(setup: Setup, kind: RunKind, spec: RecordedRunSpec) -> Recorde
     told = [*_said(aligned, recording, stated_step, dt_s, len(series["table"])), *told]
     told += [stated(f"{name}: {sentence}", "notes") for sentence in (*notes, *_missing(setup, kind, moved))]
     signals = _signals(setup, kind, moved, samples)
-    outcome = Outcome(signals, samples, "", "", 0.0, played=True)
+    outcome = Outcome(signals, samples, None, "", 0.0, played=True)
     about = {
         f"{kind.name}_recording": f"{spec.recording.name}, SHA-256 {recording.sha256}",
         f"{kind.name}_recorded_channels": "\n".join(f"{role}: {one}" for role, one in channels.names.items()),

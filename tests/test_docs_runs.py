@@ -60,6 +60,7 @@ LISTS = [page for page in pages() if page not in STORIES and at(page) not in (*R
 EXAMPLES_LEFT_OUT = {
     "doctor": "measures the machine in real time",
     "serve": "runs until it is stopped",
+    "evaluate": "needs a recording; howto/judge_a_recorded_test.md makes one",
     "recover": "needs the log of a killed process",
     "merge": "needs the parts that howto/cluster.md makes",
     "plugin": PACKAGE,

@@ -8,11 +8,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from portfolio import parametrize_first
 
+from rths_cli.case.load import load_cases
 from rths_cli.cli import entry_point
 from rths_cli.cli.command_group import cli
+from rths_cli.experiment.setup import make_setup
 from rths_cli.files.measured_data import Recording, write_recording
 from rths_cli.files.result_reader import ResultWriter
 from tests.helpers.made_result import ATTRIBUTES, TIME
@@ -37,6 +40,7 @@ class Writes(NamedTuple):
 COMMANDS = {
     "run": Writes(("run", CASE, *SHORT, "--set", "runs=[sim]"), f"results/{CASE}.h5"),
     "run --junit": Writes(("run", CASE, *SHORT, "--set", "runs=[sim]", "--output", "new", "--junit", "j.xml"), "j.xml"),
+    "evaluate": Writes(("evaluate", CASE, *SHORT, "--data", "still.npz"), f"results/{CASE}-still.h5"),
     "sweep": Writes(("sweep", CASE, *SHORT), f"sweeps/{CASE}.h5"),
     "sweep --csv": Writes(("sweep", CASE, *SHORT, "--csv", "s.csv"), "s.csv"),
     "merge": Writes(("merge", *(f"sweeps/{CASE}-part{k}of2.h5" for k in (1, 2)), "--output", "both.h5"), "both.h5"),
@@ -91,9 +95,12 @@ def rths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     for first in (0, 300, 600):
         part = "\n".join(["# units: cm/s^2", "# dt: 0.02 s", *every[first : first + 300]])
         (tmp_path / "suite" / f"{first}.csv").write_text(part + "\n")
+    monkeypatch.chdir(tmp_path)
+    ground = make_setup(load_cases([CASE], ["record.file=short.csv"])[0]).motion.accel_m_s2
+    channels = {f"{name}_accel_m_s2": 0.0 * ground for name in ("table", "floor_2", "floor_3")}
+    np.savez(tmp_path / "still.npz", fs=2000.0, ground_accel_m_s2=ground, **channels)
     write_result(tmp_path / "demo.h5")
     write_result(tmp_path / "sims.h5", runs=("sim", "sim_delay"))
-    monkeypatch.chdir(tmp_path)
 
     def call(*words: str) -> tuple[int, str]:
         monkeypatch.setattr("sys.argv", ["rths", *words])

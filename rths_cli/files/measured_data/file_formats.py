@@ -81,8 +81,8 @@ def read_contents(path: Path, data: bytes) -> Contents:
 
 def _is_npz(data: bytes) -> bool:
     """Return whether a zip archive holds arrays, by the name of its first file: samples may be any bytes."""
-    name = data[30 : 30 + int.from_bytes(data[26:28], "little")]
-    return data.startswith(b"PK\x03\x04") and name.endswith(b".npy")
+    head = 30 + max(int.from_bytes(data[26:28], "little"), 32)
+    return data.startswith(b"PK\x03\x04") and b".npy" in data[:head]
 
 
 def _zip_kind(data: bytes) -> str:

@@ -54,6 +54,11 @@ def test_rows_are_the_same_bytes_with_any_jobs_and_after_an_interruption(place: 
     (place / "cut.jsonl").write_bytes(cut)
     told(place, *plan, "--resume", "--output", "cut.jsonl")
     assert (place / "cut.jsonl").read_bytes() == whole
+    head, first, *others = whole.split(b"\n")  # a row that is there is taken, not played again
+    marked = b"\n".join([head, json.dumps(json.loads(first) | {"radius": 10.5}).encode(), *others])
+    (place / "marked.jsonl").write_bytes(marked[: marked.rindex(b"\n", 0, -1) - 40])
+    told(place, *plan, "--resume", "--output", "marked.jsonl")
+    assert (place / "marked.jsonl").read_bytes() == marked != whole
     other = told(place, *plan[:-2], "6", "--quiet", "--resume", "--output", "cut.jsonl", code=2)
     assert "has rows of another benchmark" in other and (place / "cut.jsonl").read_bytes() == whole
     told(place, *plan[:-2], "6", "--quiet", "--output", "other.jsonl")

@@ -67,7 +67,7 @@ def at(page: Path) -> str:
 
 def pages() -> list[Path]:
     """Return the pages below docs/."""
-    return [page for page in sorted(DOCS.rglob("*.md")) if not page.is_symlink()]
+    return sorted(DOCS.rglob("*.md"))
 
 
 def stories() -> list[Path]:

@@ -48,7 +48,7 @@ def _modules(folder: Path, told: bool) -> str:
     paths = [path for path in sorted(folder.glob("*.py")) if path.name != "__init__.py"]
     if told:
         return "".join(f"\n- `{path.stem}`: {_first_sentence(path)}" for path in paths)
-    return f"\\\n{', '.join(f'`{path.stem}`' for path in paths)}" if paths else ""
+    return f".\n{', '.join(f'`{path.stem}`' for path in paths)}" if paths else ""
 
 
 def _first_sentence(path: Path) -> str:

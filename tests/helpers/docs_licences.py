@@ -22,7 +22,7 @@ LICENCES = {  # SPDX identifiers; of several, those of the Python code
     "h5netcdf": "BSD-3-Clause", "h5py": "BSD-3-Clause", "hatchling": "MIT", "hypothesis": "MPL-2.0",
     "import-linter": "BSD-2-Clause", "jsonschema": "MIT", "kiwisolver": "BSD-3-Clause",
     "llvmlite": "BSD-2-Clause AND Apache-2.0", "markdown-it-py": "MIT", "matplotlib": "PSF-2.0",
-    "mdurl": "MIT", "mkdocs": "BSD-2-Clause", "mypy": "MIT", "nidaqmx": "MIT", "nptdms": "LGPL-3.0-only",
+    "mdurl": "MIT", "mkdocs": "BSD-2-Clause", "mkdocs-material": "MIT", "mypy": "MIT", "nidaqmx": "MIT", "nptdms": "LGPL-3.0-only",
     "obspy": "LGPL-3.0-only", "numba": "BSD-2-Clause",
     "numpy": "BSD-3-Clause", "packaging": "Apache-2.0 OR BSD-2-Clause", "pillow": "MIT-CMU", "playwright": "Apache-2.0",
     "pyarrow": "Apache-2.0", "pydantic": "MIT", "pydantic-core": "MIT",

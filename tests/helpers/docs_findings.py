@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from itertools import groupby
 
 from rths_cli.findings import ADVICE, SENTENCES, WORDS
@@ -66,9 +67,15 @@ def findings_page() -> str:
     parts = [HEAD.rstrip()]
     for group, codes in groupby(sorted(SENTENCES), key=lambda code: code.partition(".")[0]):
         parts += ["", f"## {GROUPS[group]}", "", *(_line(code) for code in codes)]
-    parts += ["", "## Advice", "", *(f"- `{code}`: {text}" for code, text in sorted(ADVICE.items()))]
-    parts += ["", "## Words of values", "", *(f"- `{code}`: {text}" for code, text in sorted(WORDS.items()))]
+    parts += ["", "## Advice", "", _told(ADVICE), "", "## Words of values", "", _told(WORDS)]
     return "\n".join(parts) + "\n"
+
+
+def _told(words: Mapping[str, str]) -> str:
+    """Return codes with what they say, in one paragraph; a code that says itself stands alone."""
+    return "; ".join(
+        f"`{one}`" if one.replace("_", " ") == text else f"`{one}`: {text}" for one, text in sorted(words.items())
+    )
 
 
 def _line(code: str) -> str:

@@ -47,7 +47,6 @@ bench: $(DEV_STAMP) ## speed against C, numpy, scipy, python-control, and of who
 docs: $(DOCS_STAMP) ## build a site from README and docs/ in build/site; a broken link ends it
 	@rm -rf $(SITE) && mkdir -p $(SITE)/benchmarks
 	@cp -R README.md LICENSE docs configs records examples $(SITE) && cp benchmarks/README.md $(SITE)/benchmarks
-	@find $(SITE) -type l -delete
 	@$(BIN)/mkdocs build --strict && echo "open build/site/index.html"
 
 dist: $(DEV_STAMP) ## build wheel and sdist, install the wheel into an empty environment and run a case there

@@ -1,7 +1,8 @@
 """Substructure real-time hybrid simulation (RTHS) with a uni-axial shake table.
 
-`run`, `load`, `check`, `identify` and `plot` are what a script needs, `open_loop`, `to_control` and `from_control`
-connect it to python-control; docs/reference/python.md shows each. Nothing heavy is imported before one of them is used.
+`resolve`, `run`, `load`, `check`, `identify` and `plot` are what a script needs, `open_loop`, `to_control` and
+`from_control` connect it to python-control; docs/reference/python.md shows each. Nothing heavy is imported before one
+of them is used.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ TYPE_CHECKING = False  # typing takes longer to import than all else that is don
 if TYPE_CHECKING:
     from typing import Any
 
-    from rths_cli.api import check, from_control, identify, load, open_loop, plot, run, to_control
+    from rths_cli.api import check, from_control, identify, load, open_loop, plot, resolve, run, to_control
     from rths_cli.api.results import CheckResult, Group, ModelResult, RunResult
     from rths_cli.errors import InputError, LimitError, RigError, RthsError
 
@@ -33,11 +34,12 @@ __all__ = [
     "load",
     "open_loop",
     "plot",
+    "resolve",
     "run",
     "to_control",
 ]
 
-_FUNCTIONS = ("check", "from_control", "identify", "load", "open_loop", "plot", "run", "to_control")
+_FUNCTIONS = ("check", "from_control", "identify", "load", "open_loop", "plot", "resolve", "run", "to_control")
 _ERRORS = ("InputError", "LimitError", "RigError", "RthsError")
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
+    from rths_cli.case.case_schema import Case
     from rths_cli.control.interface import OwnParts
     from rths_cli.control.python_control import System
     from rths_cli.experiment.run_case import Ended
@@ -49,6 +50,16 @@ def load(path: str | Path) -> RunResult:
     Raises InputError unless the file is a whole result file.
     """
     return RunResult(Path(path))
+
+
+def resolve(case: CaseGiven, *, settings: Settings | None = None) -> Case:
+    """Return a case, checked, with all its defaults; printed it is one screen.
+
+    Raises InputError, with a sentence per fault, when it cannot be read.
+    """
+    from rths_cli.case.load import load_all
+
+    return load_all([_given(case)], _texts(settings, None), ())[0]
 
 
 def run(

@@ -409,6 +409,9 @@ class CaseKeys(Strict):
         yield from recorded_problems(data)
 
 
+REPR_COLUMNS = 100
+
+
 class Case(CaseKeys):
     """Hold a checked case, defaults filled in; `limits` are already merged into `table.limits`.
 
@@ -424,6 +427,25 @@ class Case(CaseKeys):
     rig_limits: LimitsSpec | None = Field(default=None, exclude=True)
     stated: tuple[str, ...] = Field(default=(), exclude=True)
     places: Mapping[str, Any] = Field(default_factory=dict, exclude=True, repr=False)
+
+    def __repr__(self) -> str:
+        """Return the case on one screen: what is tested, on which table, and which keys it states; a line each."""
+        own = len(self.structure.numerical.masses_kg)
+        lines = {
+            "structure": f"{self.structure.name}: {self.n_storeys} storeys, the lowest {own} computed",
+            "damping": self.damping.name or "inline",
+            "record": f"{self.record.name} times {self.scaling:g}",
+            "controller": f"{self.controller.kind}, method {self.method}",
+            "table": f"{self.table.name} ({self.table.kind})",
+            "step": f"{self.sample_rate_hz:g} Hz, errors judged up to {self.test_band_hz:g} Hz",
+            "runs": ", ".join(self.runs),
+            "accept": ", ".join(f"{path} {limit:g}" for path, limit in self.accept.items()),
+            "states": ", ".join(dict.fromkeys(key.partition(".")[0] for key in self.stated)),
+        }
+        told = (f"  {name:<10}  {text}"[:REPR_COLUMNS] for name, text in lines.items() if text)
+        return "\n".join([f"case {self.name}", *told])
+
+    __str__ = __repr__
 
     @property
     def n_storeys(self) -> int:

@@ -13,18 +13,17 @@ from rths_cli.cli import cli
 
 HEAD = """# Commands
 
-Made from the commands' own help by `python tests/helpers/docs_reference.py`; `rths COMMAND --help` prints the same.
-
-[Exit codes](../decisions/commands.md) have one meaning each.
+The commands and their options; `rths COMMAND --help` says what each option does, and so do the [how-to
+pages](../index.md#how-to). Options of several commands stand at the end. [Exit codes](../decisions/commands.md) have
+one meaning each.
 """
 SHARED = "## Options of several commands"
-ANCHOR = "options-of-several-commands"
-SEVERAL = 3  # commands from which on an option with the same words is told once
+SEVERAL = 2  # commands from which on an option with the same words is told once
 Row = tuple[str, str]
 
 
 def commands_page() -> str:
-    """Return the page as Markdown: a section per command, a table row per option, shared options once."""
+    """Return the page as Markdown: a section per command with its options by name, shared options with their help."""
     rows = {name: list(_option_rows(command)) for name, command in cli.commands.items()}
     held = Counter(row for own in rows.values() for row in own)
     shared = [row for row, number in held.items() if number >= SEVERAL]
@@ -32,7 +31,7 @@ def commands_page() -> str:
     for name in sorted(cli.commands):
         parts += _command(name, cli.commands[name], [row for row in rows[name] if row not in shared])
         further = [_first_name(row) for row in rows[name] if row in shared and held[row] < len(rows)]
-        parts += [f"Also {', '.join(further)} ([described below](#{ANCHOR}))."] if further else []
+        parts += [f"Also {', '.join(further)}."] if further else []
     of_all = [row for row in shared if held[row] == len(rows)]
     parts += [SHARED, f"Every command has {', '.join(_first_name(row) for row in of_all)}."]
     parts += [_list([*of_all, *(row for row in shared if row not in of_all)])]
@@ -53,7 +52,7 @@ def _command(name: str, command: click.Command, own: list[Row]) -> Iterator[str]
     if stated:
         yield "Without it: " + ", ".join(f"`{p.default}`" for p in stated) + "."
     if own:
-        yield _list(own)
+        yield f"Options: {', '.join(names for names, _ in own)}."
 
 
 def _told(command: click.Command) -> Iterator[str]:

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from itertools import groupby
 
 from rths_cli.findings import ADVICE, SENTENCES, WORDS
 from rths_cli.findings.of_stop import FACTS, TOLD
 from rths_cli.findings.wording import SCALES
 
-HEAD = """# Every finding and its sentence
+HEAD = """# Every finding and what it says
 
-This page is made from `rths_cli/findings/`, the one place where these sentences are written. What a check, an
-identification or a run finds is a code with values and advice; its sentence is what the pages print and what result
-and model files store. `--json` of `rths check`, `rths identify` and `rths report` gives both, in `findings`: `code`,
+What a check, an identification or a run finds is a code with values and advice, made to a sentence by
+`rths_cli/findings/`. `--json` of `rths check`, `rths identify` and `rths report` gives both, in `findings`: `code`,
 `severity`, `values`, `advice`, `text`, and `within` where the finding holds in a part only (codes beginning with `at`).
 
 A finding `refuses` a run or a model, `warns` of what may make a result wrong, or `notes` what else is worth knowing;
 one that `explains` is a value of another. Below stands the usual severity, in JSON that of the case at hand.
 
-In the sentences below a name in code stands for the value of that name. Values are in SI units, whatever unit the
-sentence prints: the name ends in the unit; without one the value is a text, a ratio, a count, or in the `units` beside
-it. A number that is not finite is `null`. A part in brackets is left out where it does not apply; behind a bar stands
-what is said instead. Codes and names of values stay; sentences may change.
+A name in code stands for the value of that name, in SI units, whatever unit the sentence prints: the name ends in the
+unit; without one it is a text, a ratio, a count, or in the `units` beside it. A number that is not finite is `null`. A
+part in brackets is left out where it does not apply; behind a bar stands what is said instead. What to do, which
+refusals and warnings say behind a semicolon, is left out here; `also` names values that stand there alone. Codes and
+names of values stay; sentences may change.
 """
 GROUPS = {
     "assumption": "What the check assumes",
@@ -68,16 +69,37 @@ def findings_page() -> str:
     parts = [HEAD.rstrip()]
     for group, codes in groupby(sorted(SENTENCES), key=lambda code: code.partition(".")[0]):
         parts += ["", f"## {GROUPS[group]}", "", *(_line(code) for code in codes)]
-    parts += ["", "## Advice", "", *(f"- `{code}`: {text}" for code, text in sorted(ADVICE.items()))]
-    parts += ["", "## Words of values", "", *(f"- `{code}`: {text}" for code, text in sorted(WORDS.items()))]
+    parts += ["", "## Advice", "", _told(ADVICE), "", "## Words of values", "", _told(WORDS)]
     return "\n".join(parts) + "\n"
+
+
+def _told(words: Mapping[str, str]) -> str:
+    """Return codes with what they say, in one paragraph; a code that says itself stands alone."""
+    return "; ".join(
+        f"`{one}`" if one.replace("_", " ") == text else f"`{one}`: {text}" for one, text in sorted(words.items())
+    )
 
 
 def _line(code: str) -> str:
     sentence = SENTENCES[code]
     severity = "" if sentence.severity == "at" else f" ({sentence.severity})"
     text = sentence.text.removeprefix(TOLD).removesuffix(FACTS)
-    return f"- `{code}`{severity}: {FIELD.sub(_shown, text)}"
+    said = _before_advice(text) if sentence.severity in ("refuses", "warns") else text
+    also = sorted(_fields(text) - _fields(said))
+    rest = f" (also {', '.join(f'`{name}`' for name in also)})" if also else ""
+    return f"- `{code}`{severity}: {FIELD.sub(_shown, said)}{rest}"
+
+
+def _before_advice(text: str) -> str:
+    """Return a sentence up to its first semicolon outside of brackets, behind which it says what to do."""
+    for end in (found.start() for found in re.finditer("; ", text)):
+        if all(text.count(opening, 0, end) == text.count(closing, 0, end) for opening, closing in ("[]", "()", "{}")):
+            return text[:end]
+    return text
+
+
+def _fields(text: str) -> set[str]:
+    return {found[1] for found in FIELD.finditer(text)}
 
 
 def _shown(field: re.Match[str]) -> str:

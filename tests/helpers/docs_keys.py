@@ -57,6 +57,7 @@ HOW_TO_READ = (
     "stand what it takes and its default, **required** where it must be stated; a key without them takes a mapping. "
     "The unit of a number is the ending of its key. `(0, 1]` is a number above 0 and up to 1; `[0,` has no upper limit."
 )
+READ_LIKE_CASES = "[Case files](case.md) says how the entries are to be read."
 RIGS: dict[str, type[BaseModel]] = {
     "virtual": VirtualRigSpec,
     "udp": UdpRigSpec,
@@ -149,7 +150,7 @@ def study_page() -> str:
 
 def _page(name: str, tables: list[tuple[str, Iterable[Row]]]) -> str:
     title, about = FILES[name]
-    parts = [f"# {title}", about, HOW_TO_READ]
+    parts = [f"# {title}", about, HOW_TO_READ if name == "case" else READ_LIKE_CASES]
     for heading, rows in tables:
         parts += [f"## {heading}", "\n".join(map(_line, rows))]
     return "\n\n".join(parts) + "\n"

@@ -1,10 +1,14 @@
-"""The map of the package in docs/reference/source_map.md, from the docstrings of its packages and modules."""
+"""The map of the package in docs/reference/source_map.md, from the docstrings of its packages and names of its modules.
+
+`python tests/helpers/docs_modules.py [PACKAGE ...]` prints it with what every module holds.
+"""
 
 from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -14,14 +18,14 @@ ORDER = (
     "cli", "api", "report", "benchmark", "studies", "laboratory", "experiment", "loop", "analysis", "identification",
     "control", "rigs", "structure", "files", "case", "programs", "numerics", "quantities", "findings",
 )  # fmt: skip
-LONGEST = 110  # characters of what is said of a module; a longer sentence ends at its last mark before that
 
 
-def module_map() -> str:
-    """Return the packages from the highest layer to the lowest, each with its modules and what they hold."""
-    folders = [PACKAGE / name for name in ORDER if (PACKAGE / name).is_dir()]
-    parts = [part for folder in folders for part in _package(folder)]
-    parts += ["**rths_cli/**: what every layer may use", "\n".join(_modules(PACKAGE))]
+def module_map(told: bool = False, among: Sequence[str] = ORDER) -> str:
+    """Return the packages from the highest layer to the lowest, each with its modules, `told` with what they hold."""
+    folders = [PACKAGE / name for name in among if (PACKAGE / name).is_dir()]
+    parts = [part for folder in folders for part in _package(folder, told)]
+    if among == ORDER:
+        parts += [f"**rths_cli/**: what every layer may use{_modules(PACKAGE, told)}"]
     return "\n\n".join(parts) + "\n"
 
 
@@ -32,34 +36,26 @@ def with_map(page: str) -> str:
     return f"{before}{BEGIN}\n{module_map()}\n{END}{after}"
 
 
-def _package(folder: Path) -> Iterator[str]:
-    yield f"**{folder.relative_to(ROOT).as_posix()}/**: {_first_sentence(folder / '__init__.py')}"
-    if lines := list(_modules(folder)):
-        yield "\n".join(lines)
+def _package(folder: Path, told: bool) -> Iterator[str]:
+    about = _first_sentence(folder / "__init__.py")
+    yield f"**{folder.relative_to(ROOT).as_posix()}/**: {about}{_modules(folder, told)}"
     for child in sorted(path for path in folder.iterdir() if (path / "__init__.py").exists()):
-        yield from _package(child)
+        yield from _package(child, told)
 
 
-def _modules(folder: Path) -> Iterator[str]:
-    for path in sorted(folder.glob("*.py")):
-        if path.name != "__init__.py":
-            yield f"- `{path.stem}`: {_shortened(_first_sentence(path))}"
-
-
-def _shortened(sentence: str) -> str:
-    """Return a sentence, or what of it comes before its last mark within LONGEST characters."""
-    if len(sentence) <= LONGEST:
-        return sentence
-    marks = [found.start() for found in re.finditer(r"[,;:] ", sentence[:LONGEST])]
-    ends = [
-        end
-        for end in marks
-        if sentence.count("`", 0, end) % 2 == 0 and sentence.count("(", 0, end) == sentence.count(")", 0, end)
-    ]
-    return sentence[: ends[-1]] if ends else sentence
+def _modules(folder: Path, told: bool) -> str:
+    """Return what follows a package: its modules by name, or a line for each with its first sentence."""
+    paths = [path for path in sorted(folder.glob("*.py")) if path.name != "__init__.py"]
+    if told:
+        return "".join(f"\n- `{path.stem}`: {_first_sentence(path)}" for path in paths)
+    return f".\n{', '.join(f'`{path.stem}`' for path in paths)}" if paths else ""
 
 
 def _first_sentence(path: Path) -> str:
     doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
     first = " ".join(doc.split("\n\n")[0].split())
     return re.split(r"(?<=\w)\. (?=[A-Z])|\.$", first)[0]
+
+
+if __name__ == "__main__":
+    print(module_map(told=True, among=sys.argv[1:] or ORDER), end="")

@@ -19,9 +19,14 @@ from rths_cli.cli.entry_point import BLAS_THREADS
 from rths_cli.errors import RthsError
 
 DOCS = Path(__file__).parents[2] / "docs"
-RUN_ELSEWHERE = ("reference/python.md", "howto/export.md", "reference/parts.md")  # tests/test_api.py, test_own_parts.py
+RUN_ELSEWHERE = (  # tests/test_api.py, test_own_parts.py, benchmarks/gallery.py
+    "reference/python.md",
+    "howto/export.md",
+    "reference/parts.md",
+    "gallery.md",
+)
 BY_THE_HELP = ("reference/commands.md",)  # its examples are those of the help: test_every_example_of_the_help_runs
-WITH_SNIPPETS = ("reference/figures.md", "reference/report_page.md", "howto/sweep.md")
+WITH_SNIPPETS = ("reference/figures.md", "howto/sweep.md")
 MARK = "\0"  # of a number
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 TOLERANCE = 0.02
@@ -67,7 +72,7 @@ def at(page: Path) -> str:
 
 def pages() -> list[Path]:
     """Return the pages below docs/."""
-    return [page for page in sorted(DOCS.rglob("*.md")) if not page.is_symlink()]
+    return sorted(DOCS.rglob("*.md"))
 
 
 def stories() -> list[Path]:

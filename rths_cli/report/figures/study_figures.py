@@ -5,6 +5,7 @@ The figure of a sweep: a metric over one varied key as a line with a band over t
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -185,11 +186,13 @@ def key_in_words(key: str, keys: Sequence[str]) -> str:
 
 
 def value_name(value: Any) -> str:
-    """Return a varied value as a figure names it: a number with four digits, a file by its name alone, a long text cut
-    off."""
+    """Return a varied value as a figure names it: a number with four digits, a file by its name alone, a mapping by its
+    kind and its other keys, a long text cut off."""
     if isinstance(value, float):
         return f"{value:.4g}"
     text = as_text(value)
+    if text.startswith("{"):
+        text = re.sub(r"\b(kind|file|name|extends): ", "", re.sub("[{}]", "", text)).replace(": ", " ")
     name = Path(text).stem if "/" in text and not text.startswith(("{", "[")) else text
     return name if len(name) <= LONGEST_VALUE else f"{name[: LONGEST_VALUE - 1]}…"
 

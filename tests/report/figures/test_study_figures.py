@@ -10,7 +10,15 @@ from campaigns.synthetic_study import ishigami
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import Figure, Sweep
 from rths_cli.report.figures import NotDrawn
-from rths_cli.report.figures.study_figures import has_boundary, parallel, sobol, stability, sweep_figure, tornado
+from rths_cli.report.figures.study_figures import (
+    has_boundary,
+    parallel,
+    sobol,
+    stability,
+    sweep_figure,
+    tornado,
+    value_name,
+)
 from rths_cli.report.sweep_page import indices_document, indices_of, indices_section
 from rths_cli.report.to_text import text as printed
 from rths_cli.studies.study_plan import unit_samples
@@ -145,3 +153,16 @@ def test_indices_need_every_run_and_no_other_key(sampled):
     other = replace(sampled, varied=sampled.varied | {"method": ("best",) * 5120})
     with pytest.raises(InputError, match="also varies method"):
         indices_of(other)
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        ("{kind: FF+FB}", "FF+FB"),
+        ("{kind: lead, lead_s: 0.01}", "lead, lead_s 0.01"),
+        ("{file: records/pulse.csv}", "pulse"),
+        ("{extends: three_storey, numerical: {law: null}}", "three_storey, num…"),
+    ],
+)
+def test_a_value_that_is_a_mapping_is_told_in_words(value: str, told: str) -> None:
+    assert value_name(value) == told

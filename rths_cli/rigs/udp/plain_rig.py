@@ -211,7 +211,10 @@ class PlainRig(UdpRig):
         steps, times_s = np.diff(came, axis=0).T if len(came) > 1 else np.zeros((2, 1))
         if not (steps > 0).all():
             raise RigError(f"rig {self.info.name}: the frames of target {self.peer} do not count its instants upwards")
-        return float(np.median(times_s / steps))
+        paces_s = float(np.median(times_s / steps)), float(times_s.sum() / steps.sum())
+        return min(
+            paces_s, key=lambda pace_s: abs(pace_s / self.info.dt_s - 1.0)
+        )  # stamps late here and there harm one
 
     def _begun(self, session: int) -> Frame:
         """Send BEGIN until the target's frames belong to the session; return the first one."""

@@ -124,9 +124,11 @@ def test_every_matlab_snippet_runs_in_octave(place: Path, result: rths_cli.RunRe
     assert said[0] == "complete" and CASE in said[1] and "m/s^2" in said[1], done.stderr
     error = result.exp_rths.abs_accel_m_s2[2] - result.sim.abs_accel_m_s2[2]
     assert float(said[2].split()[-1]) == pytest.approx(np.sqrt(np.mean(error**2)), rel=5e-3)
-    block, x = result.controller.feedforward, np.zeros(5)
+    block = result.controller.feedforward
+    x, u = np.zeros(len(block.A)), np.zeros(block.B.shape[1])
+    u[0] = 0.1
     for _ in range(200):
-        y, x = block.C @ x + block.D @ [0.1, 0, 0], block.A @ x + block.B @ [0.1, 0, 0]
+        y, x = block.C @ x + block.D @ u, block.A @ x + block.B @ u
     assert said[3] == f"after 0.100 s the command is {y[0]:.4g} V"
 
 

@@ -85,6 +85,8 @@ def test_the_pages_that_are_run_as_written_are_these() -> None:
             "ci",
             "fragility",
             "hardware",
+            "judge_a_recorded_test",
+            "opensees",
             "read_the_pages",
             "reading_results",
             "recordings",

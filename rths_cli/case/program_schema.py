@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
 from rths_cli.case.field_types import Problem, Range, Strict
-from rths_cli.programs import Description
+
+if TYPE_CHECKING:
+    from rths_cli.programs import Description
 
 LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 FORCES_N = {"N": 1.0, "kN": 1e3, "MN": 1e6, "lbf": 4.4482216152605, "kip": 4448.2216152605}
@@ -104,6 +106,8 @@ class ProgramSpec(Strict):
     @property
     def description(self) -> Description:
         """Return what the program's process needs to know."""
+        from rths_cli.programs import Description  # numpy, which no case without a program needs
+
         units, interface = self.units, self.interface
         return Description(
             self.kind, str(self.file or ""), self.sha256 or "", self.function,

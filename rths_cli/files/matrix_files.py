@@ -8,15 +8,17 @@ import warnings
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from scipy.sparse import csr_array, issparse
 
 from rths_cli.errors import InputError
 from rths_cli.files.matlab_files import variables_read_here
 from rths_cli.files.sandboxed_reading import read_in_copy
 from rths_cli.numerics.lti import Array
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 MOST_BYTES = 500_000_000
 APART = re.compile(r"[,;\s]\s*")
@@ -56,6 +58,8 @@ def read_matrix(field: str, spec: FileSpec, usual: str) -> csr_array:
 
 def _checked(found: Any) -> csr_array:
     """Return a matrix of real, finite numbers in canonical form; raises ValueError for another one."""
+    from scipy.sparse import csr_array, issparse
+
     if not issparse(found):
         found = np.atleast_2d(np.asarray(found))
         if found.dtype.kind not in "biuf" or found.ndim != 2:
@@ -114,6 +118,8 @@ def _of_market(path: Path, wanted: str | None, usual: str) -> Any:
 
 def _of_matlab(path: Path, wanted: str | None, usual: str) -> Any:
     """Return a variable of a MATLAB file, full or sparse."""
+    from scipy.sparse import issparse
+
     values: dict[str, Any] = dict(variables_read_here(path))
     for name, value in values.items():
         if isinstance(value, Mapping) and set(value) <= SPARSE_V73 and "jc" in value:
@@ -158,6 +164,8 @@ def _of_npy(path: Path, wanted: str | None, usual: str) -> Any:
 
 
 def _is_matrix(value: object) -> bool:
+    from scipy.sparse import issparse
+
     return issparse(value) or (isinstance(value, np.ndarray) and value.dtype.kind in "biufc" and value.ndim <= 2)
 
 

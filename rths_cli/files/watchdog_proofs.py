@@ -36,7 +36,7 @@ def content_sha256(content: str) -> str:
 
 def keep_proof(proof: WatchdogProof) -> None:
     """Keep a proof; it replaces the one of the same rig. Raises InputError where it cannot be written."""
-    path = _path()
+    path = proofs_path()
     kept = {**_read(), proof.rig: asdict(proof)}
     part = path.with_suffix(f".{os.getpid()}")
     try:
@@ -55,14 +55,15 @@ def kept_proof(rig: str) -> WatchdogProof | None:
     return None
 
 
-def _path() -> Path:
+def proofs_path() -> Path:
+    """Return the file in which the proofs are kept."""
     return user_cache() / "watchdog_proofs.json"
 
 
 def _read() -> dict[str, dict[str, Any]]:
     """Return everything kept, nothing where the file is missing or damaged."""
     try:
-        data = json.loads(_path().read_text(encoding="utf-8"))
+        data = json.loads(proofs_path().read_text(encoding="utf-8"))
     except (OSError, ValueError, InputError):
         return {}
     return data if isinstance(data, dict) and all(isinstance(one, dict) for one in data.values()) else {}

@@ -30,7 +30,6 @@ from rths_cli.experiment.ground_motion import (
 )
 from rths_cli.experiment.record_defects import defects
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram, read_components
-from rths_cli.laboratory.playable_scale import playable
 from rths_cli.numerics.lti import Array
 from rths_cli.structure import frame_of, masses_of, similitude_of
 from rths_cli.structure.similitude import factors_text
@@ -207,6 +206,8 @@ def _examined(
     facts |= {"station": accelerogram.station, "component": accelerogram.component}
     facts |= {"corrected": accelerogram.corrected, "measures": asdict(found), "defects": _defects(path, accelerogram)}
     if table is not None:
+        from rths_cli.laboratory.playable_scale import playable  # numba, which no other list needs
+
         facts |= {"playable": asdict(playable(accelerogram, table))}
     return facts | ({"scale_factors": similitude.factors} if similitude is not None else {})
 

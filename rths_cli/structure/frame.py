@@ -8,9 +8,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import eigh
-from scipy.sparse import csr_array, diags_array, eye_array
-from scipy.sparse.linalg import splu
 
 from rths_cli.case.matrices_schema import MOST_DOFS
 from rths_cli.errors import InputError
@@ -19,6 +16,8 @@ from rths_cli.numerics.lti import Array, Integers
 from rths_cli.structure.shear_chain import above_rounding
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
     from rths_cli.case.matrices_schema import MatricesSpec, MatrixFile, MatrixUnits
     from rths_cli.case.structure_schema import DampingSpec
 
@@ -73,6 +72,8 @@ class Frame:
     @property
     def frequency_hz(self) -> Array:
         """Return the undamped natural frequencies (n,) of the frame by itself."""
+        from scipy.linalg import eigh
+
         return np.sqrt(above_rounding(eigh(self.K, self.M, eigvals_only=True))) / (2.0 * np.pi)
 
 
@@ -101,6 +102,8 @@ def stamps(spec: MatricesSpec) -> tuple[tuple[int, int], ...]:
 
 @lru_cache(maxsize=8)
 def _frame(spec: MatricesSpec, _: tuple[tuple[int, int], ...]) -> Frame:
+    from scipy.sparse import csr_array
+
     of_mass, of_stiffness, _damping = units_of(spec.units)
     faults: list[str] = []
     M, K = _square("mass", spec.mass, "M", faults), _square("stiffness", spec.stiffness, "K", faults)
@@ -121,6 +124,9 @@ def _frame(spec: MatricesSpec, _: tuple[tuple[int, int], ...]) -> Frame:
 
 def _checked_frame(spec: MatricesSpec, M: csr_array, K: csr_array, influence: Array) -> Frame:
     """Return the frame of symmetric matrices in kg and N/m."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.linalg import splu
+
     mass, stiffness = spec.mass.file.name, spec.stiffness.file.name
     used = np.asarray(abs(M).sum(axis=1)).ravel() > 0.0
     at = spec.interface - 1
@@ -151,6 +157,8 @@ def _checked_frame(spec: MatricesSpec, M: csr_array, K: csr_array, influence: Ar
 
 def _square(key: str, file: MatrixFile, usual: str, faults: list[str]) -> csr_array | None:
     """Return a symmetric matrix of a file, None with its faults."""
+    from scipy.sparse import csr_array
+
     field = f"{FIELD}.{key}"
     try:
         matrix = read_matrix(field, file, usual)
@@ -211,6 +219,10 @@ def _influence(spec: MatricesSpec, rows: int, faults: list[str]) -> Array:
 
 def _indefinite(field: str, name: str, matrix: csr_array, rows: Integers, what: str) -> list[str]:
     """Return a sentence unless a symmetric matrix is positive definite; `rows` are its rows in the file."""
+    from scipy.linalg import eigh
+    from scipy.sparse import diags_array, eye_array
+    from scipy.sparse.linalg import splu
+
     diagonal = matrix.diagonal()
     least = int(np.argmin(diagonal)) if diagonal.size else 0
     if not diagonal.size or diagonal[least] <= 0.0:
@@ -269,6 +281,8 @@ def damping_of(spec: MatricesSpec, damping: DampingSpec) -> Array:
 
 def _modal(frame: Frame, ratios: Sequence[float]) -> Array:
     """Return M Phi diag(2 zeta w) Phi^T M of the frame by itself; the last ratio holds for all further modes."""
+    from scipy.linalg import eigh
+
     squares, shapes = eigh(frame.K, frame.M)
     omega = np.sqrt(above_rounding(squares))
     all_ratios = np.full(len(omega), ratios[-1], dtype=float)
@@ -278,6 +292,8 @@ def _modal(frame: Frame, ratios: Sequence[float]) -> Array:
 
 
 def _stated_damping(spec: MatricesSpec, file: MatrixFile, frame: Frame) -> Array:
+    from scipy.linalg import eigh
+
     faults: list[str] = []
     full = _square("damping", file, "C", faults)
     rows = len(frame.dofs) + len(frame.condensed.massless)

@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, eigh, qr
 
 from rths_cli.case.matrices_schema import MOST_KEPT
 from rths_cli.errors import InputError
@@ -130,6 +129,8 @@ def _listed(dofs: Integers) -> str:
 
 def _static_shapes(frame: Frame, masters: Integers) -> Array:
     """Return the shapes (n, m + 1) of unit displacements of masters, then the interface, the rest without load."""
+    from scipy.linalg import cho_factor, cho_solve
+
     n = len(frame.M)
     held = np.append(masters, n - 1)
     free = np.setdiff1d(np.arange(n), held)
@@ -142,6 +143,8 @@ def _static_shapes(frame: Frame, masters: Integers) -> Array:
 
 def _craig_bampton(frame: Frame, whole_hz: Array, modes: int, stated: Integers) -> Reduced:
     """Return the reduction with as few modes of the held interface as keep the frame's first `modes` to 0.1 %."""
+    from scipy.linalg import eigh
+
     inner = len(frame.M) - 1
     _, held = eigh(frame.K[:-1, :-1], frame.M[:-1, :-1]) if inner else (None, np.zeros((0, 0)))
     fixed = min(max(modes, len(stated)), inner)
@@ -187,6 +190,8 @@ def _with_ground(frame: Frame, shapes: Array) -> tuple[Array, bool]:
 
 def _finished(frame: Frame, shapes: Array, stated: Integers, fixed: int, least: int = 0) -> Reduced:
     """Return the reduction to shapes (n, m), the last that of the interface, in coordinates of the frame."""
+    from scipy.linalg import eigh
+
     shapes, added = _with_ground(frame, shapes)
     if shapes.shape[1] > MOST_KEPT:
         raise InputError(
@@ -207,6 +212,8 @@ def _coordinates(frame: Frame, shapes: Array, stated: Integers) -> Integers:
 
     Displacements along the ground motion are preferred. Raises InputError for stated ones that say the same.
     """
+    from scipy.linalg import qr
+
     size, rows = shapes.shape[1], stated
     along = np.flatnonzero(frame.influence[:-1] == 1.0)
     for candidates, least in ((along, WELL_APART), (np.arange(len(shapes)), 0.0)):

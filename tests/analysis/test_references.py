@@ -59,7 +59,7 @@ def test_a_building_that_no_reference_solves_is_refused_with_what_it_lacks() -> 
     (fault,) = refused.value.faults
     assert fault == (
         "structure: this building has no SIM and no SIM-DELAY: exact modes need it to declare linear; "
-        "laws of storeys need it to declare has_laws"
+        "programs need it to declare has_program; laws of storeys need it to declare has_laws"
     )
 
 

@@ -14,7 +14,7 @@ from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.load import load_cases
 from rths_cli.case.named_files import TELLING, find, is_record, kind_of, known, known_files, written_by_rths
 from rths_cli.case.reference_schema import ReferenceSpec
-from rths_cli.case.rig_schema import NiRigSpec, UdpRigSpec, VirtualRigSpec
+from rths_cli.case.rig_schema import NiRigSpec, UdpPlainRigSpec, UdpRigSpec, VirtualRigSpec
 from rths_cli.case.shipped_files import FOLDERS, shipped
 from rths_cli.case.structure_schema import StructureSpec
 from rths_cli.case.study_schema import StudyKeys
@@ -54,7 +54,12 @@ def test_no_two_kinds_share_a_telling_key_and_each_key_is_one_of_its_kind() -> N
     fields = {
         "cases": set(CaseKeys.model_fields),
         "structures": set(StructureSpec.model_fields),
-        "rigs": {*NiRigSpec.model_fields, *UdpRigSpec.model_fields, *VirtualRigSpec.model_fields},
+        "rigs": {
+            *NiRigSpec.model_fields,
+            *UdpPlainRigSpec.model_fields,
+            *UdpRigSpec.model_fields,
+            *VirtualRigSpec.model_fields,
+        },
         "references": set(ReferenceSpec.model_fields),
         "calibrations": set(CalibrationSpec.model_fields) - {"channels"},  # a rig has them too, but no made_utc
         "studies": set(StudyKeys.model_fields),

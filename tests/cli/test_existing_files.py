@@ -59,7 +59,7 @@ COMMANDS = {
 """Every command that writes files that may be replaced, and each kind of file."""
 NEVER = {"calibrate", "new", "recover", "serve"}
 """Commands that replace nothing: a calibration, a case of the user, a complete result, a key."""
-NOTHING = {"check", "data", "doctor", "list", "plugin", "records", "schema"}
+NOTHING = {"benchmark", "check", "data", "doctor", "list", "plugin", "records", "schema"}
 """Commands that write no file that the user names."""
 Call = Callable[..., tuple[int, str]]
 

@@ -24,8 +24,11 @@ ABOUT = {"case_name": "a", "rig_kind": "udp"}
 
 
 def setup(kind: str = "udp") -> Any:
-    case = SimpleNamespace(name="a", runs=("shake_table", "exp_rths"))
-    return SimpleNamespace(case=case, rig=SimpleNamespace(kind=kind, can=capabilities_of(kind)))
+    case = SimpleNamespace(name="a", runs=("shake_table", "exp_rths"), recorded={})
+    can = capabilities_of(kind)
+    return SimpleNamespace(
+        case=case, rig=SimpleNamespace(kind=kind, can=can), moves_hardware=can.moves_hardware, recorded={}
+    )
 
 
 def ran(path: Path, monkeypatch: pytest.MonkeyPatch, act: Any, ask: Any = lambda *_: None) -> Ended:

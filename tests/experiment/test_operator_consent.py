@@ -29,7 +29,9 @@ def rig_info() -> RigInfo:
 
 def setups(**about: object) -> list[SimpleNamespace]:
     rig: RigInfo = replace(rig_info(), **({"kind": "udp", "name": "lab"} | about))  # type: ignore[arg-type]
-    case = SimpleNamespace(name="demo", scaling=0.3, table=None, record=SimpleNamespace(name="el_centro"))
+    case = SimpleNamespace(
+        name="demo", scaling=0.3, table=SimpleNamespace(kind="udp"), record=SimpleNamespace(name="el_centro")
+    )
     motion = SimpleNamespace(time_s=np.array([0.0, 20.0, 40.0]), accel_m_s2=np.array([0.0, -1.234, 1.0]))
     return [SimpleNamespace(rig=rig, case=case, motion=motion)]
 

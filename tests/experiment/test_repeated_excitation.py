@@ -11,6 +11,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.experiment import identify_on_rig
 from rths_cli.experiment.identify_on_rig import MOST_PLAYED, SamplesLost, measure
 from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.findings import stated
 from rths_cli.loop import simulated_time_run
 from rths_cli.loop.guard import LOST, VELOCITY
 
@@ -29,7 +30,7 @@ def stopping(monkeypatch: pytest.MonkeyPatch, ends: list[int]) -> list[int]:
         outcome = play(*given)  # type: ignore[arg-type]
         played.append(len(outcome.log.command_v))
         reason = ends[len(played) - 1] if len(played) <= len(ends) else 0
-        return replace(outcome, reason=reason, stopped_by_limit="lost" if reason else outcome.stopped_by_limit)
+        return replace(outcome, reason=reason, stop=stated("lost") if reason else outcome.stop)
 
     monkeypatch.setattr(identify_on_rig, "play", ended)
     return played

@@ -95,7 +95,13 @@ def jobs(samples: int, *kinds: str) -> list[tuple[Any, Path]]:
     motion, case = SimpleNamespace(time_s=np.empty(samples)), SimpleNamespace(n_storeys=3)
     return [
         (
-            SimpleNamespace(motion=motion, case=case, rig=SimpleNamespace(kind=kind, can=capabilities_of(kind))),
+            SimpleNamespace(
+                motion=motion,
+                case=case,
+                building=SimpleNamespace(storeys=3),
+                rig=SimpleNamespace(kind=kind, can=capabilities_of(kind)),
+                moves_hardware=capabilities_of(kind).moves_hardware,
+            ),
             Path("a.h5"),
         )
         for kind in kinds

@@ -33,15 +33,15 @@ Trial = Callable[..., WatchdogTrial]
 class Watchless(OwnTarget):
     """A target whose watchdog never acts."""
 
-    def _watch(self) -> None:
+    def watch(self) -> None:
         if self.state == RESTING:
-            super()._watch()
+            super().watch()
 
 
 class Holding(OwnTarget):
     """A target that says it rests, and holds its output."""
 
-    def _watch(self) -> None:
+    def watch(self) -> None:
         if self.state == RUNNING and time.monotonic() - self.fed_s > self.watchdog_s:
             self.state, self.faults = AT_REST, 1
 
@@ -49,31 +49,31 @@ class Holding(OwnTarget):
 class FedByQuestions(OwnTarget):
     """A target whose watchdog starts again with every frame."""
 
-    def _count(self, session: int, number: int, order: int, command_v: float) -> None:
-        super()._count(session, number, order, command_v)
+    def count(self, session: int, number: int, order: int, command_v: float) -> None:
+        super().count(session, number, order, command_v)
         self.fed_s = time.monotonic()
 
 
 class Obedient(OwnTarget):
     """A target that obeys again once it is at rest."""
 
-    def _count(self, session: int, number: int, order: int, command_v: float) -> None:
+    def count(self, session: int, number: int, order: int, command_v: float) -> None:
         if self.state == AT_REST and order != BEGIN and session == self.session > 0:
             self.state = RUNNING
-        super()._count(session, number, order, command_v)
+        super().count(session, number, order, command_v)
 
 
 class Mute(OwnTarget):
     """A target that does not state why it went to rest."""
 
-    def _rest(self, fault: int) -> None:
-        super()._rest(0)
+    def rest(self, fault: int) -> None:
+        super().rest(0)
 
 
 @pytest.fixture
 def trial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Trial]:
     """Return what tries the watchdog of a kind of target."""
-    monkeypatch.setattr(watchdog_proofs, "_path", lambda: tmp_path / "proofs.json")
+    monkeypatch.setattr(watchdog_proofs, "proofs_path", lambda: tmp_path / "proofs.json")
     monkeypatch.setattr(watchdog_proof, "RESTS_S", 0.8)  # the own target needs 0.3 s
     monkeypatch.setattr(watchdog_proof, "SETTLES_S", 0.3)
     monkeypatch.setattr(watchdog_proof, "MOVING_S", 0.3)

@@ -24,7 +24,7 @@ LICENCES = {  # SPDX identifiers; of several, those of the Python code
     "llvmlite": "BSD-2-Clause AND Apache-2.0", "markdown-it-py": "MIT", "matplotlib": "PSF-2.0",
     "mdurl": "MIT", "mkdocs": "BSD-2-Clause", "mkdocs-material": "MIT", "mypy": "MIT",
     "nidaqmx": "MIT", "nptdms": "LGPL-3.0-only",
-    "obspy": "LGPL-3.0-only", "numba": "BSD-2-Clause",
+    "obspy": "LGPL-3.0-only", "opensees": "BSD-2-Clause", "numba": "BSD-2-Clause",
     "numpy": "BSD-3-Clause", "packaging": "Apache-2.0 OR BSD-2-Clause", "pillow": "MIT-CMU", "playwright": "Apache-2.0",
     "pyarrow": "Apache-2.0", "pydantic": "MIT", "pydantic-core": "MIT",
     "pygments": "BSD-2-Clause", "pyparsing": "MIT", "pytest": "MIT",

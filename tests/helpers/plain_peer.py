@@ -74,13 +74,13 @@ class OwnTarget:
             if select.select([self.door], [], [], max(until - time.monotonic(), 0.0))[0]:
                 data, sender = self.door.recvfrom(2048)
                 if sender == self.peer:
-                    self._take(data)
-            self._watch()
+                    self.take(data)
+            self.watch()
             if self.clock_s is not None and time.monotonic() >= due:
-                self._instant()
+                self.at_instant()
                 due += self.clock_s
 
-    def _take(self, data: bytes) -> None:
+    def take(self, data: bytes) -> None:
         if len(data) != 40 or data[:4] != b"RPC1":
             return
         _, session, number, _, order, _, _, command_v = FRAME.unpack(data)
@@ -90,13 +90,13 @@ class OwnTarget:
             if order in (COMMAND, REST) and session == self.session and number > self.last and self.state == RUNNING:
                 self.samples = self.table(self.output_v)
             before = self.acting, self.output_v
-            self._count(session, number, order, command_v)
+            self.count(session, number, order, command_v)
             self._latch()
             self._send(self.last, *before)
         else:
-            self._count(session, number, order, command_v)
+            self.count(session, number, order, command_v)
 
-    def _count(self, session: int, number: int, order: int, command_v: float) -> None:
+    def count(self, session: int, number: int, order: int, command_v: float) -> None:
         if order == BEGIN and self.state == AT_REST and session == self.session + 1 and number == 0:
             self.session, self.last, self.output_v, self.state = session, 0, 0.0, RUNNING
             self.faults &= ~(1 | 8 | 64)
@@ -110,9 +110,9 @@ class OwnTarget:
         if self.state != RUNNING:
             return
         if order == REST:
-            self._rest(0)
+            self.rest(0)
         elif not math.isfinite(command_v) or abs(command_v) > self.range_v:
-            self._rest(8)
+            self.rest(8)
         else:
             self.fed_s = time.monotonic()
             self.waiting = number, command_v
@@ -123,20 +123,20 @@ class OwnTarget:
             self.acting, self.output_v = self.waiting
             self.waiting = None
 
-    def _rest(self, fault: int) -> None:
+    def rest(self, fault: int) -> None:
         self.state, self.faults, self.resting_from = RESTING, self.faults | fault, time.monotonic()
         self.waiting, self.started_v = None, self.output_v
 
-    def _watch(self) -> None:
+    def watch(self) -> None:
         if self.state == RUNNING and time.monotonic() - self.fed_s > self.watchdog_s:
-            self._rest(1)
+            self.rest(1)
         if self.state == RESTING:
             left = max(1.0 - (time.monotonic() - self.resting_from) / 0.3, 0.0)
             self.output_v = left * self.started_v
             if left == 0.0:
                 self.state = AT_REST
 
-    def _instant(self) -> None:
+    def at_instant(self) -> None:
         if self.state == RUNNING and self.instant > 0:
             self.samples = self.table(self.output_v)
         self._send(self.instant, self.acting, self.output_v)

@@ -259,8 +259,8 @@ def test_an_aborted_test_of_the_table_stands_beside_the_refusal(tmp_path: Path) 
 GOLDEN = """\
 GOOD: true error below 0.200 % of SIM (95 %), likely 0.100 %, storey 1, virtual
   rig; if sensors and masses are as declared.
-Measured 0.200 % of SIM as declared; likely 0.00500 of SIM-DELAY; limits good 2
-  %, usable 5 %, 0.1.
+Measured 0.200 % of SIM as declared; likely 0.00500 of SIM-DELAY; limits good
+  2 %, usable 5 %, 0.1.
 own: 30 % quake, damping low (2.6 %), FF+FB, virtual rig bench
 
                     peaks in EXP-RTHS      RMS error of acceleration

@@ -72,10 +72,10 @@ def of_the_page(ticks: list[bytes], monkeypatch: pytest.MonkeyPatch) -> list[byt
     for i, data in enumerate(ticks):
         now[0] = i * TICK_S
         if data:
-            target._take(data)
-        target._watch()
+            target.take(data)
+        target.watch()
         if i % TICKS == 0:
-            target._instant()
+            target.at_instant()
     return sent
 
 

@@ -37,6 +37,8 @@ NEEDED: dict[str, tuple[str, ...]] = {
     ),
     "sweep": (*QUICK, "--seeds", "1", "--jobs", "1"),
     "benchmark": ("silva2020", "--case", "1", "--compensator", "chen", "--plants", "1", "--record", "short.csv"),
+    "evaluate": (*QUICK, "--data", "data.csv"),
+    "ida": (*QUICK, "--records", ".", "--limit", "drift_m=0.01", "--levels", "0.1"),
     "merge": ("part.h5", "--output", "whole.h5"),
     "report": ("result.h5",),
     "export": ("result.h5", "--to", "csv", "--group", "sim"),

@@ -23,7 +23,6 @@ from rths_cli.case.structure_schema import OF_MATRICES
 from rths_cli.case.yaml_reader import Fault, Mark, Node, Source, display, parse, plain, printable, read_file
 from rths_cli.errors import InputError
 from rths_cli.numerics.bands import with_test_band
-from rths_cli.programs import described
 
 FOLLOWING = (
     ("identification", "compared_hz", IdentificationSpec),
@@ -493,6 +492,8 @@ def _with_masses(program: Node, key: str, faults: list[Fault]) -> Node:
         asked = ProgramSpec.model_validate(plain(program)).description
     except ValidationError:
         return program  # the model of the whole file tells the faults
+    from rths_cli.programs import described  # numpy, which no case without a program needs
+
     try:
         masses = described(asked).masses_kg.tolist()
     except InputError as error:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,12 +24,14 @@ from rths_cli.control.numerical_substructure import (
     interface,
     state_space,
 )
-from rths_cli.control.program_storeys import ProgramStoreys, program_storeys
 from rths_cli.control.state_space import discretise
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, Block, StateSpace
 from rths_cli.structure import Building, Numerical
 from rths_cli.structure.storey_laws import Laws
+
+if TYPE_CHECKING:
+    from rths_cli.control.program_storeys import ProgramStoreys
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,8 @@ def computed_storeys(building: Building, dt_s: float, scheme: Scheme) -> Block |
     if scheme != "exact":
         raise InputError(f"integration: storeys with laws are integrated by exact only, not by {scheme}; remove it")
     if building.has_program:
+        from rths_cli.control.program_storeys import program_storeys  # numba, which no other building needs here
+
         return program_storeys(building, dt_s)
     design = StoreysWithLaws(building.numerical, building.laws, dt_s)
     check_laws(design)

@@ -9,7 +9,6 @@ from typing import Protocol
 
 import numpy as np
 
-from rths_cli.case.structure_schema import OF_MATRICES
 from rths_cli.errors import InputError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
@@ -151,6 +150,8 @@ def _check(spec: StructureSpec, damping: DampingSpec) -> None:
     numerical, experimental = spec.numerical, spec.experimental
     p = len(numerical.masses_kg)
     stated = numerical.stiffness_n_per_m
+    from rths_cli.case.structure_schema import OF_MATRICES
+
     of_frames = [key for key in OF_MATRICES if getattr(damping, key, None) is not None]
     faults = [
         *_length("structure.numerical.stiffness_n_per_m", None if isinstance(stated, str) else stated, p),

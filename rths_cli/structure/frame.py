@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.case.matrices_schema import MOST_DOFS
 from rths_cli.errors import InputError
 from rths_cli.files.matrix_files import read_matrix
 from rths_cli.numerics.lti import Array, Integers
@@ -169,6 +168,8 @@ def _square(key: str, file: MatrixFile, usual: str, faults: list[str]) -> csr_ar
     if rows != columns:
         faults.append(f"{field}: {file.file.name} has {rows} rows and {columns} columns; it must be square")
         return None
+    from rths_cli.case.matrices_schema import MOST_DOFS
+
     if rows > MOST_DOFS:
         faults.append(f"{field}: {file.file.name} has {rows} rows, at most {MOST_DOFS}")
         return None

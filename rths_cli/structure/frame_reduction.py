@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.case.matrices_schema import MOST_KEPT
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, Integers
 from rths_cli.structure.frame import FIELD, Frame, damping_of, even, frame_of, stamps
@@ -89,6 +88,8 @@ def _reduced(spec: MatricesSpec, _: tuple[tuple[int, int], ...]) -> Reduced | No
     frame, asked = frame_of(spec), spec.reduction
     n = len(frame.M)
     if asked.kind == "none":
+        from rths_cli.case.matrices_schema import MOST_KEPT
+
         if n > MOST_KEPT:
             raise InputError(
                 f"{FIELD}.reduction: {n} degrees of freedom have mass, the loop computes at most {MOST_KEPT}; reduce "
@@ -193,6 +194,8 @@ def _finished(frame: Frame, shapes: Array, stated: Integers, fixed: int, least: 
     from scipy.linalg import eigh
 
     shapes, added = _with_ground(frame, shapes)
+    from rths_cli.case.matrices_schema import MOST_KEPT
+
     if shapes.shape[1] > MOST_KEPT:
         raise InputError(
             f"{FIELD}.reduction: needs {shapes.shape[1]} coordinates, the loop computes at most {MOST_KEPT}; keep "

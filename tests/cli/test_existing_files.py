@@ -53,13 +53,17 @@ COMMANDS = {
     "export csv": Writes(("export", "demo.h5", "--to", "csv"), "exported/demo.exp_rths.csv"),
     "export mat": Writes(("export", "demo.h5", "--to", "mat"), "exported/demo.mat"),
     "structure --figure": Writes(("structure", "three_storey", "--figure", "s.pdf"), "s.pdf"),
+    "benchmark": Writes(
+        ("benchmark", "silva2020", "--case", "1", "--compensator", "chen", "--plants", "1", "--record", "short.csv"),
+        "benchmarks/silva2020.jsonl",
+    ),
     "ida": Writes(("ida", CASE, *SUITE), f"sweeps/{CASE}-ida.h5"),
     "ida --figures": Writes(("ida", CASE, *SUITE, "--output", "i.h5", "--figures", "g"), "g/i-ida.svg"),
 }
 """Every command that writes files that may be replaced, and each kind of file."""
 NEVER = {"calibrate", "new", "recover", "serve"}
 """Commands that replace nothing: a calibration, a case of the user, a complete result, a key."""
-NOTHING = {"benchmark", "check", "data", "doctor", "list", "plugin", "records", "schema"}
+NOTHING = {"check", "data", "doctor", "list", "plugin", "records", "schema"}
 """Commands that write no file that the user names."""
 Call = Callable[..., tuple[int, str]]
 

@@ -114,6 +114,7 @@ def parts() -> Parts:
     """Return a made-up setup (cut at storey 2 of 3), series, SIM and hybrid motion."""
     building = SimpleNamespace(
         M=np.diag([2.0, 3.0, 5.0]),
+        mass_kg=10.0,
         shear_masses_kg=np.array([2.0, 3.0, 5.0]),
         numerical=SimpleNamespace(masses_kg=np.array([2.0, 3.0])),
         heights_m=np.array([0.3, 0.3, 0.3]),

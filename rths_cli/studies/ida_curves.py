@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from rths_cli.analysis.fragility import Fragility, of_capacities, of_stripes
 from rths_cli.errors import InputError
-from rths_cli.studies.plan import as_text
 
 if TYPE_CHECKING:
     from rths_cli.files.sweep_file import Sweep
@@ -154,6 +153,8 @@ def curves_of(sweep: Sweep, run: str, metric: str) -> Curves:
 
 def _names(sweep: Sweep) -> list[str]:
     """Return the record of each run by a short name: its file's, with what else tells it from others."""
+    from rths_cli.studies.plan import as_text  # pydantic, which a report of results does not need
+
     keys = [key for key in sweep.varied if key != LEVEL]
     short = [
         " ".join([Path(str(values[0])).stem, *(as_text(value) for value in values[1:])])

@@ -115,6 +115,7 @@ def parts() -> Parts:
     building = SimpleNamespace(
         M=np.diag([2.0, 3.0, 5.0]),
         mass_kg=10.0,
+        influence=None,
         shear_masses_kg=np.array([2.0, 3.0, 5.0]),
         numerical=SimpleNamespace(masses_kg=np.array([2.0, 3.0])),
         heights_m=np.array([0.3, 0.3, 0.3]),
@@ -165,6 +166,9 @@ def test_a_hybrid_run_has_every_path_known_beforehand(parts: Parts) -> None:
         ".stiffness_change",
         ".specimen_",
         ".without_specimen_percent",
+        ".recording_",
+        ".following_",
+        ".computing_",
     )
     assert {path for path in known if not any(part in path for part in others)} == {
         path for path in figures if ".tracking_" not in path

@@ -51,6 +51,8 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
     ]
     if setup.building.has_laws and design is not None:
         found.append(Finding("assumption.laws"))
+        if setup.building.has_program:
+            found.append(Finding("assumption.program"))
     if design is not None:
         found += range_assumption(setup.case, design.blocks.counters_reaction)
     if design is not None and getattr(design.blocks.feedforward, "declares", False):

@@ -527,7 +527,8 @@ def _judge_one(
     if stable is not None and whole.has_laws:
         played = replace(as_designed, blocks=as_designed.blocks.without_compensation())  # beside what it leaves
         simulated = _simulated(setup, whole, played, rig, known, stable, strays, shared)
-        replay = partial(Replayed, setup, whole, played, rig, known, _sim_with_laws(setup, whole, shared))
+        if not whole.has_program:  # a program would be asked for hours: its budget is that of the linear part
+            replay = partial(Replayed, setup, whole, played, rig, known, _sim_with_laws(setup, whole, shared))
         rows, further = simulated.reach, (*further, *simulated.faults)
         total = simulated.total
         stable = None if total is None else _with_laws(stable, simulated.causes, total)

@@ -82,6 +82,9 @@ DESIGN = {
         "controller: {name} is not linear; the check judges the block that it declares, which holds for small motions "
         "at most, and not the law itself"
     ),
+    "assumption.program": notes(
+        "structure.numerical: the error budget of a run is that of the program's linear part; its total is measured"
+    ),
     "assumption.laws": notes(
         "structure.numerical.law: the verdicts at rest and at tangents of the laws are indications (a loop that is "
         "stable at every frozen tangent may still diverge); the evidence is the test with the laws, simulated on the "

@@ -100,6 +100,7 @@ def test_every_snippet_of_the_python_page_runs(tmp_path: Path, monkeypatch: pyte
     assert names["late"].inputs == ("u[0]",)
 
 
+@pytest.mark.campaign
 def test_every_snippet_of_the_export_page_runs(place: Path, result: rths_cli.RunResult) -> None:
     for form in ("csv", "mat"):
         result.export("exported", to=form, replace=True)

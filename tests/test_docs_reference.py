@@ -177,6 +177,7 @@ def datasets(file: Any) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.campaign
 def test_every_dataset_and_attribute_of_a_result_is_what_is_declared(files: dict[str, Any]) -> None:
     for method in ("best", "paper"):
         assert declaration_faults(Path(files[method].filename)) == []

@@ -45,24 +45,27 @@ def modules(tree: ast.AST) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.module
 
 
-def test_no_test_takes_a_private_name() -> None:
+@pytest.fixture(scope="module")
+def trees() -> dict[Path, ast.AST]:
+    """Return the module of every test, by its path below tests."""
+    paths = sorted(TESTS.rglob("*.py"))
+    return {path.relative_to(TESTS): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+
+
+def test_no_test_takes_a_private_name(trees: dict[Path, ast.AST]) -> None:
     """Test the public function that uses it, or make it public in its module, with a docstring."""
-    found = [
-        f"{path.relative_to(TESTS)}:{line}: {name}"
-        for path in sorted(TESTS.rglob("*.py"))
-        for line, name in private_names(ast.parse(path.read_text(encoding="utf-8")))
-    ]
+    found = [f"{path}:{line}: {name}" for path, tree in trees.items() for line, name in private_names(tree)]
     assert found == []
 
 
-def test_no_test_imports_a_script_of_the_campaigns() -> None:
+def test_no_test_imports_a_script_of_the_campaigns(trees: dict[Path, ast.AST]) -> None:
     """What both need stands in tests/helpers/campaigns."""
     scripts = {path.stem for path in SCRIPTS.glob("*.py")} | {path.name for path in SCRIPTS.iterdir() if path.is_dir()}
     helpers = {path.stem for path in (TESTS / "helpers").glob("*.py")}
     found = [
-        f"{path.relative_to(TESTS)}:{line}: {name}"
-        for path in sorted(TESTS.rglob("*.py"))
-        for line, name in modules(ast.parse(path.read_text(encoding="utf-8")))
+        f"{path}:{line}: {name}"
+        for path, tree in trees.items()
+        for line, name in modules(tree)
         if name.split(".")[0] in scripts - helpers | {SCRIPTS.name}
     ]
     assert found == []

@@ -49,6 +49,7 @@ def growth(seed: int, delay_s: float, period_s: float) -> float:
     return float(accel[:, 100_000:].max() / accel[:, 60_000:80_000].max())
 
 
+@pytest.mark.campaign
 @parametrize_first(2, "seed", [0, 3, 5, 8, 11, 14])
 def test_response_in_time_decays_below_and_grows_above(seed: int) -> None:
     found = critical_delay(random_building(seed))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 from scipy.optimize import minimize
 from scipy.stats import norm
 
@@ -35,7 +36,8 @@ def capacities_known_up_to_a_level(rng: np.random.Generator) -> Fragility:
     return of_capacities(capacity[capacity <= top], np.full(int((capacity > top).sum()), top))
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    0,
     "fitted",
     [
         the_same_records_in_every_stripe, other_records_in_every_stripe, observed_capacities,

@@ -216,6 +216,7 @@ def test_clough_unloads_no_softer_than_its_secant() -> None:
 SHARP = {"kind": "bouc_wen", "yield_displacement_m": 5e-4, "hardening": 0.05, "exponent": 20.0}
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("law", "seed"),
     [
@@ -316,6 +317,7 @@ def test_the_rate_of_the_record_changes_nothing(seed: int) -> None:
     assert of_peak(coarse.abs_accel_m_s2, fine.abs_accel_m_s2[:, ::2]) < 1e-6
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(8))
 def test_a_mirrored_record_gives_the_mirrored_response(seed: int) -> None:
     made = Made(seed)
@@ -329,6 +331,7 @@ def test_a_mirrored_record_gives_the_mirrored_response(seed: int) -> None:
 POWER_OF_MASS = ("force_n", "contact_n_per_m", "coefficient", "spring_n_per_m", "dashpot_n_s_per_m", "cubic_n_per_m3")
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(8))
 def test_a_thousandfold_building_moves_alike(seed: int) -> None:
     """Masses and forces in another unit."""

@@ -174,6 +174,7 @@ def test_noise(high_pass_hz: float) -> None:
     assert found == pytest.approx(change(fault, still, 0.0 * motion(), 2, 1000), rel=0.07)
 
 
+@pytest.mark.campaign
 def test_the_true_motions_hold_only_the_noise_that_the_loop_passes_on() -> None:
     fault = Fault(noise_m_s2=NOISE_M_S2)
     start = known(fault)

@@ -63,6 +63,7 @@ def test_no_converter_no_rounding() -> None:
     assert np.all(rounding_power(np.arange(5.0), narrow_band(1.0), DT_S, 0.0, 0.0, DT_S) == 0.0)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.3, 0.5, 0.8])
 def test_the_zero_of_samples_at_rest_is_as_uncertain_as_is_said(noise: float) -> None:
     """Means of many samples of 400 zeros between two steps. What a channel shows at rest is as much as the noise and

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
+from portfolio import parametrize_first
 
 from rths_cli.analysis.recording_alignment import Alignment, align, moved_to_record
 
@@ -36,7 +37,8 @@ def found(series: Array, stated: float = 1.0) -> Alignment:
     return one
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    3,
     ("offset", "step", "stated"),
     [
         (0.0, 1.0, 1.0),

@@ -269,6 +269,7 @@ def with_numerical(building: Building, mass_kg: float, k_n_per_m: float, c_n_s_p
     return Building(numerical, building.specimen, 0.0, *assemble(numerical, building.specimen, 0.0))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("dashpot", [3e2, 3e3, 3e4, 3e5, 3e6])
 def test_a_stiff_dashpot_needs_no_fine_steps_and_agrees_with_the_transfer_functions(dashpot: float) -> None:
     """A floor of 40 g: its overdamped motion dies out within a quarter to 4e4 times a sample."""

@@ -270,6 +270,7 @@ def test_an_endless_growth_stays_a_number() -> None:
     assert found.growth == pytest.approx(1e99)
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "gain", [GAIN, 0.01, 0.0])
 @parametrize_first(1, "make", [best_like, paper_like])
 def test_the_grid_finds_the_peak_that_a_fine_one_finds(make: Callable[[RigInfo], Blocks], gain: float) -> None:

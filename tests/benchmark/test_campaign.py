@@ -44,6 +44,7 @@ def told(place: Path, *words: str, code: int = 0) -> str:
     return printed
 
 
+@pytest.mark.campaign
 def test_rows_are_the_same_bytes_with_any_jobs_and_after_an_interruption(place: Path) -> None:
     plan = ("silva2020", *WORDS, "--plants", "3", "--seed", "5", "--quiet")
     told(place, *plan, "--jobs", "1", "--output", "whole.jsonl")
@@ -80,6 +81,7 @@ def test_a_law_of_ones_own_is_put_beside_a_built_in_one_that_it_equals(place: Pa
     assert [one["rank"] for one in found["ranking"]] == [1, 1]
 
 
+@pytest.mark.campaign
 def test_tables_are_written_in_each_format(place: Path) -> None:
     words = (*WORDS, "--plants", "2", "--quiet", "--output", "t.jsonl")
     for name, mark in (

@@ -94,6 +94,7 @@ def by_runge_kutta(made: DisplacementBenchmark, case: BenchmarkCase, samples: in
     return moved, floor
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("limit_n", [8900.0, 100.0])
 def test_the_loop_is_that_of_a_fine_integration_within_the_limit_of_the_force_and_at_it(limit_n: float) -> None:
     """100 N clip the force for a good part of the time."""
@@ -140,6 +141,7 @@ def test_the_critical_delay_lies_between_stable_and_unstable_rational_delays(cas
     assert right_most(found - 1e-5) < 0.0 < right_most(found + 1e-5)
 
 
+@pytest.mark.campaign
 def test_the_spectral_radius_is_that_of_the_matrix_written_down() -> None:
     """`none`, the command 1 / gain times floor 1, the force one sample late: 6 + 5 + 1 states."""
     made = bench(seconds=1.0)
@@ -159,6 +161,7 @@ def test_the_spectral_radius_is_that_of_the_matrix_written_down() -> None:
     assert one.radius(plant) > 1.0 > runs(made, "4", "pi_lead").radius(plant)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("short", [True, pytest.param(False, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize(
     ("kind", "most_j2", "most_j4"),

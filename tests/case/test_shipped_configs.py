@@ -135,6 +135,7 @@ def test_the_shipped_schema_is_the_generated_one(kind: str) -> None:
     jsonschema.Draft202012Validator.check_schema(written)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("kind", "path"), FILES, ids=lambda value: getattr(value, "stem", value))
 def test_a_shipped_file_fits_its_schema_and_names_it(kind: str, path: Path) -> None:
     validator(kind).validate(as_json(path))

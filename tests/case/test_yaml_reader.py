@@ -174,6 +174,7 @@ CHARACTERS = " :#'\"-1.e?{],%\\\t\n\x07\u00e9\U0001f600"
 PIECES = st.lists(st.sampled_from([*CHARACTERS, "word ", "long_word_", "true"]), max_size=60)
 
 
+@pytest.mark.campaign
 @given(st.dictionaries(TEXT, DATA | PIECES.map("".join), min_size=1, max_size=3))
 @settings(max_examples=300, deadline=None, derandomize=True)
 def test_the_dumper_in_c_writes_what_the_one_in_python_writes(data: dict[str, object]) -> None:

@@ -69,6 +69,7 @@ def test_a_finished_result_is_replaced_unless_told_not_to(
     assert (tmp_path / "results/el_centro_low_ff.h5").stat().st_mtime_ns > before
 
 
+@pytest.mark.campaign
 @parametrize_first(1, ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_ends_the_batch_with_its_code_and_whole_files(tmp_path: Path, number: int, code: int) -> None:
     for k in range(60):

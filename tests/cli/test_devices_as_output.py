@@ -74,6 +74,7 @@ def test_a_text_goes_into_a_device(device: Path, command: str) -> None:
     assert stat.S_ISCHR(device.stat().st_mode) and "replaced" not in done.stderr
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "command", TEXTS)
 def test_a_text_goes_into_a_pipe_as_into_a_file(command: str) -> None:
     os.mkfifo("pipe")

@@ -61,6 +61,7 @@ def test_bad_usage_is_one_sentence(tmp_path: Path, words: tuple[str, ...], said:
     assert said in done.stderr and "Traceback" not in done.stderr
 
 
+@pytest.mark.campaign
 def test_it_imports_nothing_that_reads_cases_or_results() -> None:
     code = (
         "import sys; sys.argv = ['rths', 'doctor', '--rate', '100', '--seconds', '0.1']\n"

@@ -90,11 +90,13 @@ def test_what_cannot_be_judged_is_refused_before_anything_is_written(folder: Pat
         assert told in str(caught.value) and not list(Path("results").glob("*.h5"))
 
 
+@pytest.mark.campaign
 def test_a_test_of_another_building_ends_with_exit_code_1(folder: Path) -> None:
     done = rths("--channel", "base_shear=shear (kN)", "--set", "structure.numerical.masses_kg=[6.0]", "--quiet")
     assert done.return_value == 1 and "is not what the computed storeys of the case do" in done.stdout
 
 
+@pytest.mark.campaign
 def test_nothing_moves_where_the_rig_of_the_case_is_a_real_one(folder: Path) -> None:
     done = rths("--channel", "base_shear=shear (kN)", "--set", "table=udp_example", "--quiet")
     assert done.return_value == 0

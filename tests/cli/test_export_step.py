@@ -20,6 +20,7 @@ FILES = {
 }  # fmt: skip
 
 
+@pytest.mark.campaign
 def test_a_case_becomes_a_library_that_agrees_with_rths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for name, text in COMMON.items():

@@ -111,6 +111,7 @@ def test_json_is_one_document_and_nothing_else(rths: Rths, measured: list[str]) 
     assert {"label": "level", "text": "2"} in document["about"]
 
 
+@pytest.mark.campaign
 @parametrize_first(1, ("suffix", "start"), [("svg", b"<?xml"), ("pdf", b"%PDF"), ("PNG", b"\x89PNG")])
 def test_the_figure_goes_where_it_is_wanted(rths: Rths, measured: list[str], suffix: str, start: bytes) -> None:
     name = f"figures/table.{suffix}"
@@ -156,6 +157,7 @@ def test_a_case_that_names_a_model_can_have_it_made(rths: Rths, measured: list[s
     assert again.code == 0 and "mine.h5 (replaced)" in " ".join(again.out.split())
 
 
+@pytest.mark.campaign
 def test_a_rejected_model_is_written_and_says_so(
     rths: Rths, measured: list[str], monkeypatch: pytest.MonkeyPatch, default_identification: Identification
 ) -> None:
@@ -249,6 +251,7 @@ def test_only_model_files_are_replaced_and_damaged_ones_too(rths: Rths, measured
         assert read_model(Path("m.h5")).groups
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("where", ["rths_cli.experiment.identify_command.measure", "os.fsync", "os.link"])
 @pytest.mark.parametrize("number", [KeyboardInterrupt, OSError])
 def test_what_is_interrupted_leaves_nothing_behind(

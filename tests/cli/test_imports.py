@@ -61,6 +61,7 @@ def test_a_case_is_read_without_numerical_libraries() -> None:
     assert "pydantic" in modules and not heavy(modules, ("numpy", "scipy", "numba", "h5py", "matplotlib", "rich"))
 
 
+@pytest.mark.campaign
 def test_a_record_is_prepared_without_numba() -> None:
     code = """
 import numpy as np
@@ -73,6 +74,7 @@ response_spectrum(prepare(made, 1.0, 200.0), [1.0])
     assert "rths_cli.numerics.lti" in modules and not heavy(modules, ("numba", "matplotlib", "rich"))
 
 
+@pytest.mark.campaign
 def test_a_building_with_stated_dashpots_is_made_without_scipy() -> None:
     code = """
 from rths_cli.case.load import load_cases
@@ -143,6 +145,7 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "words", [("check", "el_centro_low_ff_fb"), ("run", "el_centro_low_ff_fb", "--quiet")])
 def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...], warm: Path) -> None:
     modules = imported("", *words, "--set", "session_record=never", cwd=warm)

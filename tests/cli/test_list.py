@@ -88,6 +88,7 @@ def test_a_structure_is_shown_in_a_pipe_as_document_and_as_a_figure(lab: Path, t
     assert rths("structure", "pulse", cwd=lab).returncode == 2
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("words", "allowed"), [(("list", "structures"), ()), (("structure", "b5"), ("scipy",))])
 def test_they_import_nothing_that_they_do_not_use(words: tuple[str, ...], allowed: tuple[str, ...], lab: Path) -> None:
     code = f"import sys; sys.argv = {['rths', *words]!r}\nimport rths_cli.cli as c\n"

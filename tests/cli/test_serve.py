@@ -56,6 +56,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "rths"
 
 
+@pytest.mark.campaign
 @parametrize_first(1, ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_rests_the_table_and_ends_with_its_code(own_cache: Path, number: int, code: int) -> None:
     with started() as (process, host, port, key_file):

@@ -21,6 +21,7 @@ def rths(command: str, folder: Path) -> subprocess.CompletedProcess[bytes]:
     return subprocess.run(["bash", "-c", line], cwd=folder, capture_output=True, env=environment, timeout=60)
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full")
 @parametrize_first(
     3,

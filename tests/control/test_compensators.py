@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 from scipy.io import savemat
 from scipy.signal import cont2discrete, dlsim, lfilter, lsim, tf2ss
 
@@ -277,6 +278,7 @@ def test_what_a_class_remembers_beside_its_state_is_found(tmp_path: Path) -> Non
         own(tmp_path, later, "later.py")
 
 
+@pytest.mark.campaign
 def test_variables_of_a_module_may_not_change(tmp_path: Path) -> None:
     """Compiled code would keep the lag of the first design: the second one would be judged by another law than runs."""
     text = "LAG = 0.0\ndef design(plant, options):\n    global LAG\n    LAG = plant.lag_s\n    return [126.0]\n"
@@ -287,6 +289,7 @@ def test_variables_of_a_module_may_not_change(tmp_path: Path) -> None:
             own(tmp_path, case)
 
 
+@pytest.mark.campaign
 def test_a_class_may_hold_a_dataclass(tmp_path: Path) -> None:
     """Its module is looked up where annotations are texts."""
     head = "from __future__ import annotations\nfrom dataclasses import dataclass\n@dataclass\nclass A:\n    x: float\n"
@@ -464,7 +467,8 @@ def real_model(model: Model) -> tuple[Array, Array, Array]:
     return sampled[0], sampled[1][:, 0], sampled[2][0]
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("kind", "still"),
     [
         ("ats", {f"rate_{i}": 0.0 for i in range(3)}),

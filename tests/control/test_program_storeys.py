@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from portfolio import parametrize_first
 from scipy.signal import lsim
 
 from rths_cli.analysis.program_stability import LinearProgram, coupled_step, modes_in_transition, specimen_block
@@ -70,13 +71,14 @@ def error(found: Array, reference: Array) -> float:
     return float(np.sqrt(np.mean((found - reference) ** 2) / np.mean(reference**2)))
 
 
+@pytest.mark.campaign
 def test_without_a_residual_the_rate_changes_nothing() -> None:
     fast, slow = (played(design(rate, 1.0 / rate, 1.0))[0] for rate in (2048.0, 64.0))
     assert np.abs(fast - slow).max() <= 1e-9 * np.abs(fast).max()
     assert error(fast, undivided()) < 2e-4
 
 
-@pytest.mark.parametrize("factor", [0.8, 1.2])
+@parametrize_first(1, "factor", [0.8, 1.2])
 def test_a_fifth_of_the_force_left_to_the_residual_is_followed_with_second_order(factor: float) -> None:
     exact = played(design(2048.0, DT_S, 1.0))[0]
     found = {rate: error(played(design(rate, 1.0 / rate, factor))[0], exact) for rate in (2048.0, 256.0, 64.0)}
@@ -108,6 +110,7 @@ def test_a_rate_that_cannot_be_held_is_refused(rate_hz: float, answer_s: float, 
         design(rate_hz, answer_s, 1.0)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("answer_s", [0.5 / 256.0, 1.0 / 256.0])
 def test_the_modes_in_the_transition_are_those_of_a_free_vibration(answer_s: float) -> None:
     """The interval matrix foretells the decay of the transition played in time."""

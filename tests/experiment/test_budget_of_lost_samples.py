@@ -121,6 +121,7 @@ def test_forged_losses_leave_the_figures_what_they_are(ran: Ran, count: int, lon
     assert value(lossy, "unexplained_rms_m_s2") < 1e-4
 
 
+@pytest.mark.campaign
 def test_late_samples_and_ramps_are_left_out_like_lost_ones(ran: Ran) -> None:
     n, dt_s = ran.series.command_v.size, ran.setup.rig.dt_s
     lost = losses(n, 40, 5)

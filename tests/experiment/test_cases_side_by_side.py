@@ -129,6 +129,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return found
 
 
+@pytest.mark.campaign
 def test_cases_side_by_side_have_the_bytes_and_lines_of_one_after_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

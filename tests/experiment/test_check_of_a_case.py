@@ -123,6 +123,7 @@ def test_the_expected_error_is_that_of_the_specimen_as_it_is_at_the_level_of_the
     assert found.expected_m_s2 == pytest.approx(np.hypot(other, found.preflight.prediction.total.storeys), rel=0.02)
 
 
+@pytest.mark.campaign
 def test_a_specimen_whose_laws_sim_cannot_follow_is_expected_as_its_linear_equivalent(
     default_setup: Setup, default_identification: Identification
 ) -> None:
@@ -177,6 +178,7 @@ def test_a_prediction_knows_nothing_of_the_declared_specimen(
     assert found[0].loop.loop.tobytes() == found[1].loop.loop.tobytes()
 
 
+@pytest.mark.campaign
 def test_mains_hum_above_the_test_band_is_no_noise_in_it(
     default_setup: Setup, default_identification: Identification
 ) -> None:

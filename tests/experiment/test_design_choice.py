@@ -112,6 +112,7 @@ def test_the_choice_is_told_and_repeats_as_stated(memory: Memory) -> None:
     np.testing.assert_array_equal(same.blocks.estimator.A, design.blocks.estimator.A)
 
 
+@pytest.mark.campaign
 @parametrize_first(
     1,
     "settings",
@@ -208,6 +209,7 @@ def test_automatic_leaves_the_design_as_it_is_without(settings: tuple[str, ...],
     }
 
 
+@pytest.mark.campaign
 def test_a_table_that_does_not_show_its_compliance_is_told(default_identification: Identification) -> None:
     best, setup = default_identification.best, setup_of("controller=FF")
     zeros = np.where(best.zeros != 0.0, 1.2 * best.zeros, 0.0)  # no table with this specimen has them

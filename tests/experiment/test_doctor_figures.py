@@ -65,6 +65,7 @@ def test_the_highest_rate_held_is_recommended_and_a_wanted_one_decides_the_exit_
     )
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 def test_a_machine_has_an_eighth_of_an_interval_to_wake_up_a_rig_half_of_one_to_answer(
     monkeypatch: pytest.MonkeyPatch,

@@ -17,7 +17,7 @@ SAMPLE = (
 )  # fmt: skip
 
 
-@parametrize_first(2, "name", SAMPLE)
+@parametrize_first(1, "name", SAMPLE)
 def test_what_was_switched_on_is_named_first(name: str, memory: Memory) -> None:
     found = named_causes(CAUSES[name], memory)
     assert found.error >= 0.03

@@ -126,6 +126,7 @@ def test_a_part_larger_than_the_whole_error_is_no_cause() -> None:
     assert exceeds(np.array([3.8, 3.3]), whole) and not exceeds(np.array([1.5, 1.5]), whole)
 
 
+@pytest.mark.campaign
 def test_friction_is_the_identified_one_and_three_times_that_when_it_is_tripled(
     default: tuple[Values, np.ndarray, Identification],
 ) -> None:
@@ -142,6 +143,7 @@ def test_friction_is_the_identified_one_and_three_times_that_when_it_is_tripled(
     assert value(tripled, "rms_error_rest_m_s2") < 0.1 * value(tripled, "rms_error_friction_m_s2")
 
 
+@pytest.mark.campaign
 def test_friction_that_was_not_identified_is_found_in_the_run(
     default: tuple[Values, np.ndarray, Identification],
 ) -> None:

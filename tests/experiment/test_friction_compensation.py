@@ -69,6 +69,7 @@ def test_the_low_level_record_decides(default_identification: Identification) ->
     assert design_blocks(off, default_identification).blocks.friction_compensation is None
 
 
+@pytest.mark.campaign
 def test_automatic_is_on_where_it_is_shown_and_says_nothing_where_it_is_not(
     default_identification: Identification,
 ) -> None:

@@ -182,6 +182,7 @@ def as_hdf5(recording: Recording) -> list[str]:
     return ["--data", "d.hdf5", "--rate", "2000", *(word for role in roles for word in ("--channel", role))]
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "writer", [as_csv, as_mat, as_hdf5])
 def test_other_forms_and_units_give_the_model_of_the_rig(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup, writer: Callable[[Recording], list[str]]

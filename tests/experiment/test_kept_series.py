@@ -72,6 +72,7 @@ def _rest_bytes(path: Path) -> int:
         return sum(node.id.get_storage_size() for node in rests)
 
 
+@pytest.mark.campaign
 def test_essential_series_are_those_of_all_in_single_precision_and_no_others(results: dict[str, Path]) -> None:
     every, essential, none = (held(results[series]) for series in KEPT_SERIES)
     assert read_result(results["essential"]).series == "essential"

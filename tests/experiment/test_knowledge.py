@@ -72,6 +72,7 @@ def parts_of(limits: object) -> tuple[np.ndarray, ...]:
     return tuple(map(np.asarray, limits if isinstance(limits, tuple) else (limits,)))
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "method", ["best", "paper"])
 def test_the_same_channels_under_other_physics_change_no_byte(
     recorded: tuple[np.ndarray, np.ndarray, Parts], method: str

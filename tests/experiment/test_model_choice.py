@@ -75,6 +75,7 @@ def certain(tmp_path_factory: pytest.TempPathFactory, memory: Memory) -> tuple[M
     return memory.identify(setup, no_progress).best, np.asarray(result.metrics["exp_rths.rms_error_m_s2"])
 
 
+@pytest.mark.campaign
 def test_an_unchanged_rig_passes_and_file_and_age_are_written_down(
     tmp_path: Path, file: Path, errors: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -323,6 +323,7 @@ def datasets(path: Path) -> dict[str, bytes]:
     return found
 
 
+@pytest.mark.campaign
 def test_a_run_with_a_kept_model_excites_nothing_and_equals_a_fresh_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from portfolio import parametrize_first
 
 from rths_cli.case.load import load_cases
@@ -44,6 +45,7 @@ def test_hybrid_beats_delay_and_feedback_beats_feedforward(
             assert both[path] < 0.5 * alone[path], path
 
 
+@pytest.mark.campaign
 @parametrize_first(1, ("record", "damping"), CELLS)
 def test_what_the_command_counters_by_default_leaves_noise_and_rounding(
     record: str, damping: str, memory: Memory, tmp_path: Path

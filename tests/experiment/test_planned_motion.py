@@ -51,6 +51,7 @@ def usual(make: Make) -> Made:
     return make()
 
 
+@pytest.mark.campaign
 @parametrize_first(
     1,
     ("kind", "settings"),

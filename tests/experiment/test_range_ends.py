@@ -28,6 +28,7 @@ def test_the_documented_ranges_are_read() -> None:
     assert "physics.coulomb_n" in documented("rig.md", "virtual") and len(ranges) > 40
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(7))
 def test_a_case_at_the_ends_of_its_ranges_is_answered_or_refused(seed: int, tmp_path: Path) -> None:
     case = drawn(np.random.default_rng(seed), tmp_path)

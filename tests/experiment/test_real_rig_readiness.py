@@ -192,6 +192,7 @@ def test_a_raw_log_names_what_parts_of_ones_own_log(
     assert header.logs == (("gain", "m/V", False),) and header.names.count("logged_0") == 1
 
 
+@pytest.mark.campaign
 def test_a_log_that_cannot_be_written_any_more_stops_the_test_and_nothing_is_lost(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

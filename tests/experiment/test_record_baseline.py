@@ -177,6 +177,7 @@ def test_records_lists_the_baseline_and_shows_the_record_without_it(tmp_path: Pa
     assert "baseline     mean 0 m/s^2" in told["mean"] and "doubt" not in told["mean"]
 
 
+@pytest.mark.campaign
 def test_the_check_names_the_baseline_and_not_the_stroke(tmp_path: Path) -> None:
     path = case_of(tmp_path, motion() + 0.4 * TIME_S / LENGTH_S)
     (checked,) = check_cases([load_case(path)], (), lambda _: None)

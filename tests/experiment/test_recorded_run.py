@@ -14,6 +14,7 @@ import pytest
 from declared_contents import declaration_faults
 from nptdms import ChannelObject, TdmsWriter
 from numpy.typing import NDArray
+from portfolio import parametrize_first
 from scipy.interpolate import CubicSpline
 from scipy.io import savemat
 
@@ -168,7 +169,7 @@ def compare(found: Result, made: Made, rtol: float, names: Sequence[str] = EQUAL
             np.testing.assert_allclose(other, own, rtol=rtol, atol=atol, err_msg=name)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@parametrize_first(2, "name", WRITERS)
 def test_a_run_in_the_file_of_another_program_has_the_metrics_of_its_result(
     name: str, made: Made, tmp_path: Path, memory: Memory
 ) -> None:
@@ -193,6 +194,7 @@ def test_six_digits_and_another_order_change_nothing_that_counts(made: Made, tmp
     compare(found, made, 1e-2, [name for name in EQUAL if name not in large])  # rounded samples are 1 % of these
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("before", "rate_hz"), [(1234, 2000.0), (1234, 2060.0)], ids=["foreign start", "stated rate 3 % wrong"]
 )
@@ -323,6 +325,7 @@ def test_what_is_missing_is_named_with_its_cost(made: Made, tmp_path: Path, memo
     assert "floor_3: no channel has such a name" in refusal(made, path, saved(path, one))
 
 
+@pytest.mark.campaign
 def test_another_interpolation_of_the_record_is_the_ground_motion_of_sim(
     made: Made, tmp_path: Path, memory: Memory
 ) -> None:

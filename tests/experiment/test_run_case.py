@@ -175,6 +175,7 @@ def test_a_specimen_that_differs_from_the_declared_one_is_named(tmp_path: Path, 
     assert len(sentences) == 1 and "mode 1" in sentences[0] and "3.3" in sentences[0]
 
 
+@pytest.mark.campaign
 def test_a_rejected_model_moves_no_table_unless_overridden(tmp_path: Path, memory: Memory) -> None:
     setup = make_setup(load_cases([CASE], ("runs=[sim, exp_rths]",))[0])
     found = memory.identify(setup, lambda _: None)

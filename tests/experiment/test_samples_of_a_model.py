@@ -84,6 +84,7 @@ def several(identified: Identification) -> tuple[Identification, ...]:
     return (stiffer(with_gain(identified, 1.02), 0.99), stiffer(identified, 1.03))
 
 
+@pytest.mark.campaign
 def test_every_figure_is_the_nominal_one_with_the_range_over_all_members(
     certain: Setup, identified: Identification, design: Design, several: Sequence[Identification]
 ) -> None:

@@ -151,6 +151,7 @@ def played(path: Path, memory: Memory, *settings: str) -> Mapping[str, Any]:
     return read_result(path).metrics
 
 
+@pytest.mark.campaign
 def test_a_result_holds_both_errors(tmp_path: Path, memory: Memory) -> None:
     """The specimen as declared: the same; damaged: control answers for a twentieth of what the declaration misses."""
     same = played(tmp_path / "same.h5", memory)

@@ -152,6 +152,7 @@ def test_tall_soft_buildings_are_not_asked_about(storeys: int, period_s: float, 
     assert unit_doubts(setup) == ()
 
 
+@pytest.mark.campaign
 def test_random_legitimate_cases_are_not_asked_about(tmp_path: Path) -> None:
     make_records(tmp_path)
     for seed in range(40):

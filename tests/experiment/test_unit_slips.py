@@ -27,6 +27,7 @@ def test_slips_by_a_prefix_are_noticed_and_most_others(tmp_path: Path) -> None:
     assert sum(one.found != "silent" for one in others) >= 0.7 * len(others), missed
 
 
+@pytest.mark.campaign
 def test_right_buildings_and_rigs_are_not_doubted() -> None:
     doubted = {seed: found for seed in range(RIGHT) if (found := right_doubts(seed))}
     assert len(doubted) <= 0.05 * RIGHT, doubted

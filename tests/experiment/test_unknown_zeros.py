@@ -46,6 +46,7 @@ def case_of(identified: Identification, corner_hz: float = 0.024) -> tuple[Setup
     return setup, judge(setup, identified, design), play
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "corner_hz", [0.05, 0.3])
 def test_an_offset_moves_the_command_as_far_as_the_check_says(
     default_identification: Identification, corner_hz: float

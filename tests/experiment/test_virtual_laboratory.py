@@ -149,6 +149,7 @@ BESIDE = """[{kind: displacement, position: table, unit: mm, sensitivity_v_per_u
    sensitivity_uncertainty: 0.003}]"""
 
 
+@pytest.mark.campaign
 def test_further_channels_have_values_of_their_own() -> None:
     """A list has an entry for each of them, too; drawn gains have the uncertainty that their channel declares."""
     table = f"table={{extends: aps400_laboratory, channels: {BESIDE}}}"

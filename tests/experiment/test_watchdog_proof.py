@@ -12,6 +12,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 from plain_peer import AT_REST, BEGIN, RESTING, RUNNING, OwnTarget
+from portfolio import parametrize_first
 
 from rths_cli.cli import cli
 from rths_cli.errors import InputError
@@ -128,7 +129,8 @@ def test_a_watchdog_that_acts_is_proven_for_this_rig_file(trial: Trial, clock: s
         check_watchdog(setup_of().case)
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    4,
     ("kind", "clock", "acts_s", "said"),
     [
         (Watchless, "runner", 0.3, "the target still obeyed .* s after the last command: its watchdog does not act"),

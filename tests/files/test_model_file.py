@@ -147,6 +147,7 @@ def dataset(value):
     return Dataset(value, "1", "any", "computed", dims)
 
 
+@pytest.mark.campaign
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
     st.dictionaries(names, st.integers(-(2**63), 2**63 - 1) | st.text(alphabet="aµ\n ", max_size=5) | st.floats()),

@@ -126,6 +126,7 @@ def test_only_the_channel_of_wrong_sensitivity_is_named(floors: int, factor: flo
         assert floors > 1 or stated(found[0], "table") == pytest.approx(1.0 / factor, abs=0.01)
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "factor", [0.9, 1.1])
 def test_table_of_wrong_sensitivity_is_named_where_all_floors_say_so(factor: float) -> None:
     made = clean(2)

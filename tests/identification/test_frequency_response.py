@@ -97,6 +97,7 @@ def test_leakage_of_a_light_specimen_is_taken_out() -> None:
     assert np.abs(clean.response / exact - 1.0).max() < 0.04
 
 
+@pytest.mark.campaign
 def test_simulation_is_the_response_in_time_with_the_staircase_alias() -> None:
     command = faded(shaped_noise(60.0, DT, 0.3, 20.0, np.random.default_rng(4)), 4.0, DT)
     alias = np.concatenate([[0.0, 0.0], np.diff(command)[:-1]])

@@ -77,6 +77,7 @@ def test_friction_is_that_of_the_table(settings: Sequence[str], within: float) -
     assert found.friction.explained > 0.7
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "kind", ["noise", "step"])
 def test_a_table_without_friction_shows_none(kind: str) -> None:
     _, found = identified(KILOHERTZ, MINUTE, FRICTIONLESS, f"identification.excitation={kind}")

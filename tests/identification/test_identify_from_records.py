@@ -257,6 +257,7 @@ def test_linear_table_answers_alike_at_both_levels() -> None:
     assert all(abs(band.ratio - 1.0) < 5.0 * band.error + 1e-4 for band in found.levels)
 
 
+@pytest.mark.campaign
 def test_weaker_answer_at_low_level_is_measured_and_rejected() -> None:
     loud, other = linear(make_specimen(), seed=3), linear(make_specimen(), seed=4)
     weak = 0.25 * np.array([[0.94], [1.0], [1.0]]) * other.record.accel_m_s2
@@ -268,6 +269,7 @@ def test_weaker_answer_at_low_level_is_measured_and_rejected() -> None:
     assert any("level: at 1/4" in reason and "dead band" in reason for reason in found.reasons)
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "kind", ["multisine", "sweep", "step"])
 def test_linear_table_is_identified_under_every_excitation(kind: Kind) -> None:
     made = linear(make_specimen((7000.0, 7600.0, 7200.0), (0.03, 0.01, 0.05)), kind)

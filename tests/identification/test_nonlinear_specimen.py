@@ -140,6 +140,7 @@ def test_a_linear_specimen_is_linear() -> None:
     assert identified(0.0, 0.0, 0.02) is None
 
 
+@pytest.mark.campaign
 def test_what_noise_hides_is_not_found() -> None:
     assert identified(0.02, 0.1, 1.0) is None
 

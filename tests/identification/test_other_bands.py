@@ -58,6 +58,7 @@ def test_the_model_is_the_same_only_faster(both: tuple[Identification, Identific
     assert [each.name for each in fast.candidates] == [each.name for each in usual.candidates]
 
 
+@pytest.mark.campaign
 def test_it_is_judged_in_the_compared_band(both: tuple[Identification, Identification]) -> None:
     usual, fast = both
     assert usual.accepted and fast.accepted and fast.compared == BAND

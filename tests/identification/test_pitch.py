@@ -102,6 +102,7 @@ def test_another_stiffness_that_couples_modes_is_not_taken_for_a_base():
     assert not pitch_of(motion(3, 0.0, rising(3), ties=40.0)).seen
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "dashpots", [(20.0, 0.0), (0.0, 20.0), (60.0, 0.0)])
 def test_unequal_dampers_are_not_taken_for_a_base_or_masses(dashpots):
     seen = motion(2, 0.0, rising(2), noise=1e-4, dashpots=dashpots)

@@ -244,6 +244,7 @@ def test_one_floor_too_stiff_to_be_seen_leaves_everything_as_declared():
     assert found.error_of(np.eye(7)[6]) == pytest.approx(0.003, rel=0.02)
 
 
+@pytest.mark.campaign
 def test_a_record_that_shows_no_differences_leaves_uncertainties_as_declared():
     seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), seconds=4.0, noise=30.0)
     chain = fitted([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors())
@@ -283,6 +284,7 @@ def test_no_record_makes_gains_and_masses_as_certain_as_its_noise():
     assert np.all(np.sqrt(np.diag(found.covariance)[[0, 1, 2, 9, 10]]) <= [1e-5, 1e-5, 1e-5, 2e-5, 2e-5])
 
 
+@pytest.mark.campaign
 def test_lines_beyond_the_excited_band_are_left_out():
     """They hold nothing but ends of the record and noise, whose small residuals would weigh much."""
     seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), seconds=40.0)
@@ -315,6 +317,7 @@ def test_gains_that_are_not_exact_as_declared_are_taken_for_no_corner():
     )
 
 
+@pytest.mark.campaign
 def test_a_corner_of_the_table_and_an_alias_that_look_the_same_are_both_left_open():
     """The model of the table takes a greater AC corner for a smaller alias; the corner's uncertainty has to say so."""
     coupling = np.array([1.15, 1.0, 1.0])

@@ -139,6 +139,7 @@ def test_an_earlier_command_is_told_with_its_delay():
     assert found.delay_s == pytest.approx(-6e-5, abs=2e-6) and found.delay_error_s < 1e-6
 
 
+@pytest.mark.campaign
 def test_what_a_damaged_specimen_does_is_not_taken_for_sensors():
     """Its storeys have lost 15 and 50 % of their stiffness; 3 % are followed, a hundredth of it may be left."""
     before = record(QUIET, ripple=RIPPLE, seed=1)

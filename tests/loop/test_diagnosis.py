@@ -58,6 +58,7 @@ def test_a_fault_of_this_sample_leaves_table_and_sensor_apart() -> None:
     assert ended.sentence.startswith("the table does not follow, or the sensor of channel channel_0 is wrong: tracking")
 
 
+@pytest.mark.campaign
 def test_an_energy_limit_without_evidence_names_the_group_that_contains_the_sensor() -> None:
     ended = faulty.performed("sensitivity halved", 107, LOOSE, 2.0)
     assert ended.reason == ENERGY

@@ -98,6 +98,7 @@ def test_the_drive_stands_still_after_the_last_row_of_the_record() -> None:
     )
 
 
+@pytest.mark.campaign
 def test_a_run_goes_on_alike_from_a_copy_of_its_flat_state() -> None:
     """Whatever a step remembers is in that array: nothing of the first continuation reaches the second."""
     run = played(2e-3, NUMERICAL, wave(2000, 2e-3, NUMERICAL))

@@ -27,6 +27,7 @@ def fast() -> Freezing:
     return freezing_of(5_000, FAST_HZ)
 
 
+@pytest.mark.campaign
 def test_the_ideal_table_gives_sim_where_it_is_never_frozen(laboratory: Freezing) -> None:
     """Within 1 %: its steps are of first order. Not the interface storey, which is differentiated twice."""
     motion, dt_s = laboratory.setup.motion, laboratory.setup.rig.dt_s
@@ -37,7 +38,7 @@ def test_the_ideal_table_gives_sim_where_it_is_never_frozen(laboratory: Freezing
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("length", [11, 24])
+@parametrize_first(1, "length", [11, 24])
 def test_a_target_that_froze_and_jumps_to_the_newest_command_costs_about_what_the_freeze_itself_does(
     laboratory: Freezing, length: int
 ) -> None:

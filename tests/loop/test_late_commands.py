@@ -99,6 +99,7 @@ def test_the_way_to_rest_begins_with_the_velocity_it_has(door: Door, table: Tabl
     assert table.guard.motion[1] == pytest.approx(GAIN_M_PER_V * 0.2 / 2e-3)
 
 
+@pytest.mark.campaign
 def test_the_next_command_s_velocity_is_taken_from_where_and_when_it_moved_last(door: Door, table: Table) -> None:
     command(door, table, 1.0, (1.1, 1.2), 1)
     held(door, table, 5)  # two intervals on the way, then held for two more

@@ -210,6 +210,7 @@ def attacked_end(end: tuple[int, int, float], count: int) -> None:
     cable.door.close()
 
 
+@pytest.mark.campaign
 def test_hostile_frames_at_a_served_table(served_end: tuple[int, int, float]) -> None:
     attacked_end(served_end, SHORT)
 
@@ -284,6 +285,7 @@ def kept_by_the_guard(target: OwnTarget, run: realtime_run.Performance) -> None:
     assert target.state == AT_REST and target.output_v == 0.0
 
 
+@pytest.mark.campaign
 def test_a_run_among_hostile_frames_stays_within_its_guard() -> None:
     target, run, sent = run_among_strangers(150)
     kept_by_the_guard(target, run)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from bench import DT_S, LINEAR, ideal_info, specimen
 from hybrid import best_like, ground, open_limits
+from portfolio import parametrize_first
 from python_models import Inverse, Storeys
 
 from rths_cli.control.designed_blocks import Blocks
@@ -110,7 +111,8 @@ def test_the_calls_of_an_earlier_step_stay_callable() -> None:
     assert python.fault() == "" and run.log.done[0] > 0
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("wrong", "says"),
     [
         (np.zeros(3), "advance gave an array of shape (3,), (3, 1) is needed"),

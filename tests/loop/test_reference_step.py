@@ -108,6 +108,7 @@ def test_a_table_that_follows_a_record_has_the_same_command() -> None:
     assert difference(outcome, by_reference(blocks, samples, drive, numerical=False)) <= 1e-12
 
 
+@pytest.mark.campaign
 def test_a_limited_feedback_is_told_the_same() -> None:
     """A shaking that pushes it to both limits and back in every period."""
     info, rate, time_s = ideal_info(), 2.0 * np.pi * 4.0, DT_S * np.arange(3000)

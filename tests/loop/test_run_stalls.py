@@ -91,6 +91,7 @@ def test_each_command_says_how_it_goes_on_and_is_the_one_noted(played: tuple[Sig
     assert [struct.unpack("<d", one[:8])[0] for one in came] == log.command_v[left].tolist()
 
 
+@pytest.mark.campaign
 def test_in_every_gap_the_commands_noted_are_those_of_the_way_that_was_told(
     played: tuple[Signals, list[bytes]],
 ) -> None:

@@ -76,6 +76,7 @@ def test_what_was_lost_is_put_back_and_leaves_no_trace(whole: Signals) -> None:
     assert np.abs(off[:, -50:].mean(axis=1)).max() < 1e-4 < 2e-3 < np.abs(had[0, -50:].mean())
 
 
+@pytest.mark.campaign
 def test_a_record_that_lost_too_much_is_refused() -> None:
     with pytest.raises(RigError, match=r"samples .* were lost on the link, at most 5 % may be"):
         excited(gaps(0.06))

@@ -379,6 +379,7 @@ def test_numbers_of_every_type_are_compiled_for_themselves(value: float) -> None
     assert half.bind(value)() == 0.5 * value
 
 
+@pytest.mark.campaign
 def test_arrays_of_every_type_and_layout_are_compiled_for_themselves() -> None:
     frozen = np.arange(6.0).reshape(2, 3)
     frozen.flags.writeable = False

@@ -74,6 +74,7 @@ def test_mass_of_elements_is_seen_by_the_first_frequency(tmp_path: Path) -> None
         tangent_of_program(part, np.array([500.0]))
 
 
+@pytest.mark.campaign
 def test_the_monolithic_sim_of_a_linear_model_is_the_exact_one() -> None:
     experimental = SimpleNamespace(
         masses_kg=(6.91, 6.95), natural_frequencies_hz=None, stiffness_n_per_m=(7331.56, 7376.4),

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
+import pytest
 from pydantic import BaseModel
 
 import rths_cli
@@ -48,6 +49,7 @@ def keys_of_cases() -> set[str]:
     }
 
 
+@pytest.mark.campaign
 def test_every_path_of_a_metric_is_declared_or_begins_one_that_is() -> None:
     named = {text for text in texts() if METRIC.fullmatch(text)} - keys_of_cases()
     assert len(named) > 50

@@ -31,6 +31,7 @@ from campaigns.exported_step import (
 )
 from further_channels import best_with_cell, cell, displacement, strain, with_channels
 from hybrid import best_like, ground, open_limits, paper_like, reacting, storeys
+from portfolio import parametrize_first
 from repeated_laws import own
 
 from rths_cli.control.designed_blocks import Blocks
@@ -136,7 +137,7 @@ def test_the_printed_method_is_the_one_of_the_compiled_step(tmp_path: Path) -> N
     assert ours.reason == 15 and ours.log.command_v.any()
 
 
-@pytest.mark.parametrize("laws", LAWS)
+@parametrize_first(1, "laws", LAWS)
 def test_every_storey_law_is_the_one_of_the_compiled_step(tmp_path: Path, laws: str) -> None:
     info, drive = rig_info(), 8.0 * ground(STEPS)
     step = bench_step(info, with_laws(best_like(info), LAWS[laws], info.dt_s), open_limits(info), drive)
@@ -179,7 +180,7 @@ TIGHT = {
 }
 
 
-@pytest.mark.parametrize("limit", TIGHT)
+@parametrize_first(4, "limit", TIGHT)
 def test_the_guard_stops_at_the_same_sample_for_the_same_reason(tmp_path: Path, limit: str) -> None:
     info, drive = rig_info(), np.vstack([ground(2400), np.zeros((6000, 3))])
     value, reason = TIGHT[limit]
@@ -236,6 +237,7 @@ def golden(folder: Path, texts: dict[str, str], options: tuple[str, ...], **chan
     return subprocess.run([folder / "golden"], capture_output=True, check=False).returncode
 
 
+@pytest.mark.campaign
 def test_the_golden_program_agrees_also_under_sanitizers(tmp_path: Path, texts: dict[str, str]) -> None:
     assert golden(tmp_path / "sanitized", texts, SANITIZED) == 0
     assert golden(tmp_path / "fast", texts, FAST) == 0
@@ -251,11 +253,12 @@ BROKEN = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("term", BROKEN)
+@parametrize_first(1, "term", BROKEN)
 def test_the_golden_program_sees_a_missing_term(tmp_path: Path, texts: dict[str, str], term: str) -> None:
     assert golden(tmp_path / "broken", texts, EQUAL, rths_step=BROKEN[term]) == 1
 
 
+@pytest.mark.campaign
 def test_cmake_builds_the_library_and_its_test_passes(tmp_path: Path, texts: dict[str, str]) -> None:
     if shutil.which("cmake") is None:
         pytest.skip("no cmake here")
@@ -304,7 +307,7 @@ AT_REST = {
 }
 
 
-@pytest.mark.parametrize("what", AT_REST)
+@parametrize_first(2, "what", AT_REST)
 def test_channels_that_do_not_rest_stop_the_test_before_it_moves(tmp_path: Path, what: str) -> None:
     info = rig_info()
     even, odd, came, ends = AT_REST[what]

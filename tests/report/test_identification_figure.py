@@ -140,6 +140,7 @@ def test_a_table_without_floors_has_four_axes(found):
     assert len(drawn.axes) == 4 and drawn.axes[3].get_xlabel() == "frequency (Hz)"
 
 
+@pytest.mark.campaign
 @parametrize_first(1, ("suffix", "start"), [(".svg", b"<?xml"), (".png", b"\x89PNG"), (".PDF", b"%PDF")])
 def test_the_same_identification_gives_the_same_bytes(found, tmp_path, monkeypatch, suffix, start):
     """Neither the date nor the user's own matplotlib settings show, and these are left as they were."""
@@ -156,6 +157,7 @@ def test_the_same_identification_gives_the_same_bytes(found, tmp_path, monkeypat
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([one.name, other.name])
 
 
+@pytest.mark.campaign
 def test_a_file_that_cannot_be_written_is_one_sentence_and_leaves_nothing(found, tmp_path):
     (tmp_path / "taken.svg").mkdir()
     for path, words in (("no/x.svg", "No such file or directory"), ("taken.svg", "Is a directory")):

@@ -97,6 +97,7 @@ def test_another_case_of_one_name_is_a_fault_and_another_seed_is_not(tmp_path: P
     assert report([first, tmp_path / "c.h5"], keys=("folder",)).faults != ()
 
 
+@pytest.mark.campaign
 def test_many_files_are_read_by_several_processes_in_order(tmp_path: Path) -> None:
     data = write(tmp_path / "000.h5").read_bytes()
     for number in range(1, 70):

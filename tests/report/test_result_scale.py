@@ -241,6 +241,7 @@ def test_figures_of_the_rig_are_in_model_scale(series_file: Path, name: str) -> 
             assert np.array_equal(line.get_xydata(), same.get_xydata(), equal_nan=True)
 
 
+@pytest.mark.campaign
 def test_the_page_plots_the_prototype(tmp_path: Path) -> None:
     result = page_results.write(tmp_path / "made_up.h5", **SCALE)
     first, second = (page_reader.data(page([one], "rths report")) for one in (result, in_prototype_scale(result)))

@@ -38,6 +38,7 @@ def test_heights_are_drawn_where_they_are_known(tmp_path: Path) -> None:
     assert np.asarray(first.lines[2].get_ydata()) == pytest.approx([0.0, 0.5, 0.8, 1.0])
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "form", ["svg", "pdf", "png"])
 def test_the_same_building_gives_the_same_file(form: str, tmp_path: Path) -> None:
     found = inspect_structure("three_storey")

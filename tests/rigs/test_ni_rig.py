@@ -304,6 +304,7 @@ def test_without_the_package_a_sentence_names_the_command_that_installs_it(monke
         NiRig(replace(rig_info(), kind="ni"), WIRING).open()
 
 
+@pytest.mark.campaign
 def test_the_package_is_imported_only_when_a_card_is_opened() -> None:
     code = (
         "import sys, rths_cli.rigs.ni.ni_rig, rths_cli.experiment.real_rig_readiness; print('nidaqmx' in sys.modules)"

@@ -330,6 +330,7 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[int]]]:
             process.wait()
 
 
+@pytest.mark.campaign
 def test_dask_gives_the_same_when_a_worker_is_killed_and_the_sweep_resumed(
     cluster: tuple[str, list[int]],
     inline: Swept,

@@ -120,6 +120,7 @@ def test_the_hybrid_test_answers_as_sim_does_and_says_whether_it_is_valid(stripe
     assert set(stripes.sweep.texts["verdict"]) == {"safe"} and not test.missing.any()
 
 
+@pytest.mark.campaign
 def test_a_point_run_in_full_has_the_metrics_of_its_row(stripes: Swept, tmp_path: Path) -> None:
     from rths_cli.experiment.model_choice import Memory
     from rths_cli.experiment.model_files import Cache
@@ -134,6 +135,7 @@ def test_a_point_run_in_full_has_the_metrics_of_its_row(stripes: Swept, tmp_path
         assert np.array_equal(np.asarray(metrics[path]), stripes.sweep.figures[path].values[4])
 
 
+@pytest.mark.campaign
 def test_sim_alone_gives_the_same_numbers_and_plays_nothing(folder: Path, stripes: Swept) -> None:
     alone = played(folder, "alone", on="sim").sweep
     path = f"sim.{DRIFT}"
@@ -142,6 +144,7 @@ def test_sim_alone_gives_the_same_numbers_and_plays_nothing(folder: Path, stripe
     assert set(alone.texts["status"]) == {"complete"} and set(alone.texts["verdict"]) == {"safe"}
 
 
+@pytest.mark.campaign
 def test_a_hunt_finds_the_capacities_with_fewer_runs(folder: Path) -> None:
     levels = "0.15:0.75:7"
     swept = played(folder, "hunt", on="sim", levels=levels, hunting=True)
@@ -158,6 +161,7 @@ def swept_over(swept: Swept) -> int:
     return int((swept.sweep.figures[f"sim.{DRIFT}"].values.max(axis=1) > LIMIT).sum())
 
 
+@pytest.mark.campaign
 def test_a_hunt_that_was_interrupted_goes_on_to_the_same_file(folder: Path) -> None:
     words = {"on": "sim", "levels": "0.15:0.75:7", "hunting": True, "records": "set.txt"}
     whole = played(folder, "whole", **words)  # type: ignore[arg-type]
@@ -170,6 +174,7 @@ def test_a_hunt_that_was_interrupted_goes_on_to_the_same_file(folder: Path) -> N
     assert ida_page.document(read_sweep(again.path), Path("x")) == ida_page.document(whole.sweep, Path("x"))
 
 
+@pytest.mark.campaign
 def test_refused_points_are_listed_and_a_stripe_with_many_states_no_fragility(folder: Path) -> None:
     swept = played(folder, "refused", levels="0.3,0.4,40")
     document = ida_page.document(swept.sweep, swept.path)

@@ -54,6 +54,7 @@ def assert_alike(lean: Outcome, full: Outcome) -> None:
         assert ours[:, done].tobytes() == theirs[: len(ours), done].tobytes(), name
 
 
+@pytest.mark.campaign
 def test_a_lean_run_has_the_signals_of_a_full_one(plan: RunPlan) -> None:
     full = play_run(plan, SEED)
     assert full.played

@@ -35,6 +35,7 @@ def test_memory_grows_by_less_than_1_gb_per_million_rows(tmp_path: Path, monkeyp
     agree(found)
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "count", [2, 8])
 def test_parts_are_joined_in_less_memory_than_that(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     monkeypatch.setattr(sweep_file, "BATCH_VALUES", ROWS)

@@ -79,6 +79,7 @@ def test_a_row_is_run_in_full_with_the_same_metrics(
     assert told.startswith("exp_rths.rms_error_m_s2[2] is ")
 
 
+@pytest.mark.campaign
 def test_the_command_says_that_the_metrics_are_the_same_or_not(folder: Path, tmp_path: Path) -> None:
     words = ["run", "--from", str(folder / "s.h5"), "--row", "1", "--set", "runs=[exp_rths]", "--output"]
     same = CliRunner().invoke(cli, [*words, str(tmp_path / "one")], standalone_mode=False)
@@ -102,6 +103,7 @@ def without(*keys: str) -> Callable[[str], str]:
     return lambda text: "".join(line for line in text.splitlines(keepends=True) if not any(key in line for key in keys))
 
 
+@pytest.mark.campaign
 def test_a_row_of_a_sweep_before_keys_that_are_decided_now_says_how_to_play_it_as_then(
     folder: Path, tmp_path: Path
 ) -> None:

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from declared_contents import sweep_faults
+from portfolio import parametrize_first
 from watched_references import watch_references
 
 from rths_cli.case.load import load_cases
@@ -115,7 +116,8 @@ def worn(folder: Path) -> tuple[SweepRequest, Swept]:
     return request, swept(request, folder / "worn.h5")
 
 
-@pytest.mark.parametrize(
+@parametrize_first(
+    1,
     ("variant", "settings"),
     [(2, ("scaling=0.2", "seed=5")), (3, ("scaling=0.2", f"{WORN}=3", "seed=3"))],
 )
@@ -174,6 +176,7 @@ def test_rows_of_storeys_with_laws_on_another_specimen_are_too(folder: Path, tmp
         assert "exp_rths.residual_drift_uncertainty_m[2] = " in reason
 
 
+@pytest.mark.campaign
 def test_a_varied_scale_gives_the_rows_of_runs_alone(folder: Path, tmp_path: Path, memory: Memory) -> None:
     """A sweep shares what two lengths have in common, and not the record; its figures are in model scale."""
     request = asked(folder, "scale.length=1,1.21", settings=("report_in=prototype",))
@@ -205,6 +208,7 @@ def test_runs_stand_in_the_order_of_the_grid_and_none_is_dropped(whole: tuple[Sw
     assert errors[3:6].min() > 1.5 * errors[:3].max()  # friction grew after the identification
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("jobs", [1, 4])
 def test_the_number_of_threads_changes_no_byte(worn: tuple[SweepRequest, Swept], tmp_path: Path, jobs: int) -> None:
     swept(worn[0], tmp_path / "s.h5", engine=Engine(jobs=jobs))

@@ -39,6 +39,7 @@ def criteria(made: silva.Benchmark) -> list[float]:
     return [1e3 * tracking.j1_s, 100 * tracking.j2, 100 * tracking.j3, j4, j5, j6, j7, j8, j9, force]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("case", [1, 4])
 def test_the_benchmark_gives_the_figures_of_an_independent_simulation(case: int, ground: np.ndarray) -> None:
     runs = [silva.run(case, ground, seed) for seed in SEEDS]

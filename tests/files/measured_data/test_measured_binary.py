@@ -324,6 +324,7 @@ def test_own_form_opens_in_xarray(tmp_path: Path) -> None:
 texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12)
 
 
+@pytest.mark.campaign
 @settings(derandomize=True, max_examples=25, deadline=None)
 @given(data=st.data(), dt_s=st.floats(1e-6, 1.0), notes=st.lists(texts, max_size=3))
 def test_own_form_comes_back_bit_for_bit(

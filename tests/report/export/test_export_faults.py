@@ -108,6 +108,7 @@ def test_what_fails_halfway_leaves_nothing(
     assert list((tmp_path / "out").iterdir()) == []
 
 
+@pytest.mark.campaign
 def test_the_same_result_gives_the_same_bytes(result: Path, tmp_path: Path) -> None:
     written = []
     for folder in ("a", "b"):

@@ -82,6 +82,7 @@ def test_another_process_with_other_settings_writes_the_same_bytes(written, shor
     assert [name for name in ours if ours[name] != theirs.get(name)] == []
 
 
+@pytest.mark.campaign
 def test_files_are_what_they_say_small_and_with_their_fonts(written):
     starts = {".svg": b"<?xml", ".pdf": b"%PDF", ".png": b"\x89PNG"}
     for path in written.iterdir():
@@ -95,7 +96,7 @@ def test_files_are_what_they_say_small_and_with_their_fonts(written):
 
 
 @parametrize_first(1, "width", ["one", "two"])
-@pytest.mark.parametrize("name", VIRTUAL)
+@parametrize_first(4, "name", VIRTUAL)
 def test_every_figure_says_virtual_and_nothing_is_cut(made_up, name, width):
     figure = draw(name, made_up, width)
     assert "virtual shake table bench" in " ".join(texts(figure)).replace("\n", " ")

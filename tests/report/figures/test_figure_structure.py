@@ -167,6 +167,7 @@ def test_a_prototype_has_its_own_heights_and_shears(tmp_path, data, line_of):
     assert x == pytest.approx(np.repeat(0.1 * wanted["drift"] / HEIGHTS, 2))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("times", "at_s", "told"),
     [

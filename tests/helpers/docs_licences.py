@@ -106,10 +106,14 @@ def families(text: str) -> set[str]:
 
 
 def stated_by_itself(name: str) -> str:
-    """Return how an installed package states its licence, without the text of the licence: its head alone."""
+    """Return how an installed package states its licence: in its metadata, else in the head of its licence's file."""
     about = metadata.metadata(name)
     classifiers = [line for line in about.get_all("Classifier") or () if line.startswith("License ::")]
-    return "\n".join([about.get("License-Expression") or "", (about.get("License") or "")[:200], *classifiers])
+    stated = [about.get("License-Expression") or "", (about.get("License") or "")[:200], *classifiers]
+    if not any(stated):
+        files = [file for file in metadata.files(name) or () if file.name in about.get_all("License-File", [])]
+        stated = [file.read_text()[:200] for file in files]
+    return "\n".join(stated)
 
 
 def licences_page() -> str:

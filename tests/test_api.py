@@ -78,6 +78,7 @@ def test_the_import_is_lazy_and_every_public_name_is_there() -> None:
         rths_cli.frobnicate  # noqa: B018
 
 
+@pytest.mark.campaign
 def test_every_snippet_of_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's case is one of that name on 8 s of its record."""
     monkeypatch.chdir(tmp_path)
@@ -223,6 +224,7 @@ def test_a_file_that_was_replaced_is_not_read_as_the_old_one(place: Path) -> Non
             read()
 
 
+@pytest.mark.campaign
 def test_runs_are_kept_apart_and_go_with_their_results() -> None:
     runs = [rths_cli.run(CASE, settings={"scaling": s, "runs": ["sim"]}) for s in (np.float64(0.1), 0.2)]
     first, second = (one.sim.abs_accel_m_s2 for one in runs)
@@ -243,6 +245,7 @@ def test_a_method_and_an_override_reach_the_run(tmp_path: Path) -> None:
     assert str(done.attributes["command_line"]).startswith("rths_cli.run el_centro_bare_ff_fb")
 
 
+@pytest.mark.campaign
 def test_a_case_that_is_not_safe_is_judged_so() -> None:
     judged = rths_cli.check(CASE, settings={"scaling": 0.95})
     assert (judged.verdict, judged.safe) == ("unsafe", False) and "displacement" in judged.reasons[0]
@@ -414,6 +417,7 @@ def test_series_become_tables_of_other_libraries(result: rths_cli.RunResult, mon
         result.to_xarray("sim")
 
 
+@pytest.mark.campaign
 def test_what_a_notebook_shows_is_short(place: Path, result: rths_cli.RunResult) -> None:
     checked = rths_cli.check(CASE, settings={"record.file": place / "short.csv"})
     assert len(repr(checked)) < 100 and repr(checked).startswith("<check: safe; ")
@@ -421,6 +425,7 @@ def test_what_a_notebook_shows_is_short(place: Path, result: rths_cli.RunResult)
     assert shown.startswith("<pre>") and "GOOD" in shown and "safe" in of_check and len(repr(result)) < 200
 
 
+@pytest.mark.campaign
 def test_a_case_may_be_a_mapping(place: Path) -> None:
     keys = {
         "structure": "three_storey", "damping": "low", "record": {"file": place / "short.csv"}, "scaling": 0.3,

@@ -58,6 +58,7 @@ def test_no_test_takes_a_private_name(trees: dict[Path, ast.AST]) -> None:
     assert found == []
 
 
+@pytest.mark.campaign
 def test_no_test_imports_a_script_of_the_campaigns(trees: dict[Path, ast.AST]) -> None:
     """What both need stands in tests/helpers/campaigns."""
     scripts = {path.stem for path in SCRIPTS.glob("*.py")} | {path.name for path in SCRIPTS.iterdir() if path.is_dir()}

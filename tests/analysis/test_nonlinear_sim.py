@@ -308,6 +308,7 @@ def test_the_energy_of_the_ground_is_found_again(seed: int) -> None:
     assert abs(ground - kinetic - strain - dashpots - response.laws.work_j[:, -1].sum()) < 1e-6 * supplied
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(8))
 def test_the_rate_of_the_record_changes_nothing(seed: int) -> None:
     """The same motion of the ground, at 500 Hz and twice as often."""

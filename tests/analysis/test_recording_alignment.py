@@ -37,6 +37,7 @@ def found(series: Array, stated: float = 1.0) -> Alignment:
     return one
 
 
+@pytest.mark.campaign
 @parametrize_first(
     3,
     ("offset", "step", "stated"),

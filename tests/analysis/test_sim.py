@@ -86,6 +86,7 @@ def by_taylor(building: Building, dt_s: float, record: np.ndarray) -> np.ndarray
     return np.array(found).T
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("ratio", [0.026, 0.036])
 def test_paper_structure_agrees_with_lsim_and_taylor(ratio: float) -> None:
     building, record = paper_building(ratio), noise(4.0, DT_S)

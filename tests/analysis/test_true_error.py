@@ -87,6 +87,7 @@ def test_each_gain_and_mass_has_the_error_of_a_whole_test_with_it(place):
     assert np.sqrt(known().gram[:, parameter, parameter]) == pytest.approx(rms, rel=0.01)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("place", range(5))
 def test_what_the_sensors_show_of_each_gain_and_mass_is_what_they_read_of_a_whole_test_with_it(place):
     size, gain, taken = 1e-3, np.ones(3), MASSES.copy()

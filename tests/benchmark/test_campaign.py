@@ -95,6 +95,7 @@ def test_tables_are_written_in_each_format(place: Path) -> None:
     assert "must end with .tex" in told(place, "silva2020", *words, "--table", "t.pdf", code=2)
 
 
+@pytest.mark.campaign
 def test_the_critical_delays_are_those_that_the_table_names(place: Path) -> None:
     found = json.loads(told(place, "silva2020", "--critical-delays", "--json"))["critical_delays_ms"]
     assert list(found) == ["1", "2", "3", "4"] and found == pytest.approx(

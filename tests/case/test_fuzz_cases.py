@@ -115,6 +115,7 @@ def test_random_bytes(folder: Path, data: bytes) -> None:
     check(data)
 
 
+@pytest.mark.campaign
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
     key=st.sampled_from(KEYS) | st.text(max_size=20),

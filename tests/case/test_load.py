@@ -38,6 +38,7 @@ def test_five_keys_are_enough(write) -> None:
     assert case.published() == {}
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_resolved_case_loads_to_the_same_case(lab: Path, name: str) -> None:
     more = ["damping={dashpots_n_s_per_m: [22.16]}", "notes='a: b # c'"] if "high" in name else ["accept.sim.x[3]=1e-3"]

@@ -52,6 +52,7 @@ def same(one: object, other: object) -> bool:
     return repr(one) == repr(other)
 
 
+@pytest.mark.campaign
 @settings(max_examples=150, deadline=None)
 @given(DATA)
 def test_reads_json_as_json_does(data: object) -> None:

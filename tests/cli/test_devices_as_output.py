@@ -90,6 +90,7 @@ def test_a_text_goes_into_a_pipe_as_into_a_file(command: str) -> None:
     assert found[0].replace(b"pipe", b"file.txt") == whole and len(whole) > 100
 
 
+@pytest.mark.campaign
 def test_a_pipe_that_nobody_reads_is_refused_and_not_waited_for() -> None:
     os.mkfifo("pipe")
     done = rths("report", "demo.h5", "--output", "pipe")

@@ -77,6 +77,7 @@ def test_a_recording_is_judged_and_the_case_with_its_key_is_the_same(folder: Pat
     assert listed.exit_code == 0 and "a-monday" in listed.output and "b-monday" in listed.output
 
 
+@pytest.mark.campaign
 def test_what_cannot_be_judged_is_refused_before_anything_is_written(folder: Path) -> None:
     for words, told in (
         (("--set", "scaling=0.1"), "the test was scaled by 0.3, the case says 0.1"),

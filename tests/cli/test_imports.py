@@ -50,6 +50,7 @@ for words in {asked!r}:
     assert "rths_cli.cli" in modules and not heavy(modules, HEAVY)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("words", [("run", "no_such_case"), ("check", "el_centro_low_ff", "--set", "scaling=-1")])
 def test_faults_of_cases_are_told_without_numerical_libraries(words: tuple[str, ...]) -> None:
     modules = imported("", *words)
@@ -158,6 +159,7 @@ def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...
     assert "rths_cli.experiment.model_choice" in modules and not heavy(modules, unused)
 
 
+@pytest.mark.campaign
 @parametrize_first(
     1, "words", [("report", "results", "--junit", "limits.xml"), ("export", "results", "--to", "csv"), ("records",)]
 )

@@ -138,6 +138,7 @@ def test_a_new_compensator_keeps_the_contract_as_it_is_written(rths: Call, tmp_p
     assert code == 2 and "must be the name of a Python module" in err and not (tmp_path / "other.txt").exists()
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [

@@ -90,6 +90,7 @@ def test_what_cannot_be_recovered_is_one_sentence_each_and_writes_nothing(tmp_pa
     assert json.loads(done.stdout) == {"exit_code": 2, "faults": done.stderr.strip().splitlines()}
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("others", [True, False], ids=["beside results", "alone"])
 def test_report_says_what_waits_to_be_recovered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, others: bool) -> None:
     monkeypatch.chdir(tmp_path)

@@ -90,6 +90,7 @@ entry_point.main()
 """
 
 
+@pytest.mark.campaign
 @parametrize_first(
     2,
     ("numbers", "code", "sentence"),

@@ -43,6 +43,7 @@ def test_a_stream_that_takes_nothing_is_code_2(tmp_path: Path, command: str, sai
     assert said in done.stderr and done.stdout == b""
 
 
+@pytest.mark.campaign
 def test_who_has_read_enough_ends_nothing(tmp_path: Path) -> None:
     done = rths("rths records | true; exit ${PIPESTATUS[0]}", tmp_path)
     assert (done.returncode, done.stderr) == (0, b"")

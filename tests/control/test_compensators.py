@@ -199,6 +199,7 @@ def test_an_imaginary_part_is_not_dropped(tmp_path: Path) -> None:
             of_file(tmp_path / "lqg.npz")
 
 
+@pytest.mark.campaign
 def test_the_same_law_gives_the_same_in_every_way(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     desired = rng.standard_normal((3, 4000)) * np.array([[3.0], [0.2], [0.01]])
@@ -265,6 +266,7 @@ def test_a_law_that_does_not_come_back_is_refused(tmp_path: Path, monkeypatch: p
         own(tmp_path, f"{LAW}return 0.0 * sum(range(10**7))\n")
 
 
+@pytest.mark.campaign
 def test_what_a_class_remembers_beside_its_state_is_found(tmp_path: Path) -> None:
     """A sum that is not in `state` would make the check judge a law without it."""
     hidden = AS_CLASS.replace("self.state = np.zeros(2)", "self.state, self.sum = np.zeros(2), 0.0")
@@ -308,6 +310,7 @@ CLASS = "import numpy as np\nCOMMON = np.zeros(1)\nclass Compensator:\n    def _
 RETURNS = "    def command(self, desired, measured, sent):\n        return desired[2]\n"
 
 
+@pytest.mark.campaign
 def test_a_false_declaration_is_refused_before_a_check_judges_it(tmp_path: Path) -> None:
     path = tmp_path / "own.py"
     spec = SimpleNamespace(kind="own", file=path, sha256=None, lead_samples=0, options={})

@@ -111,6 +111,7 @@ def test_instability_is_seen() -> None:
     assert is_stable(late, block, DT_S) == (loop_radius(late, block) < 1.0)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("wanted_hz", [None, 20.0, 8.0])
 def test_a_design_keeps_its_promises(wanted_hz: float | None) -> None:
     found = designed(wanted_hz)

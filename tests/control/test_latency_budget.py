@@ -122,6 +122,7 @@ def delays_at_rest(corner_hz: float) -> float:
     return 1.0 / (2.0 * np.pi * corner_hz)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("interface_mass", [0.0, 1.2])
 @pytest.mark.parametrize("make", [best_like, paper_like])
 def test_the_base_shear_is_as_late_as_the_budget_says(make: object, interface_mass: float) -> None:

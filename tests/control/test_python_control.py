@@ -172,6 +172,7 @@ def test_the_loop_of_a_test_closes_in_python_control_as_here(make: Callable[...,
     same(theirs(closed), gain / (1.0 + gain), 1e-8)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("make", [paper_like, best_like])
 def test_the_margins_of_the_loop_of_a_test_are_python_controls(make: Callable[..., Blocks]) -> None:
     f = np.geomspace(0.5, 0.45 / DT_S, 6000)
@@ -185,6 +186,7 @@ def test_the_margins_of_the_loop_of_a_test_are_python_controls(make: Callable[..
     assert found.sensitivity_peak == pytest.approx(1.0 / np.min(distances), rel=1e-5)
 
 
+@pytest.mark.campaign
 def test_python_control_is_imported_by_its_conversions_alone() -> None:
     code = "import sys, rths_cli.control.python_control; print({'control', 'matplotlib'} & set(sys.modules))"
     told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout

@@ -106,6 +106,7 @@ def assert_alike(clean: Values, lossy: Values) -> None:
         assert value(lossy, off) < {"friction_v": 2e-5, "table_delay_error_s": 2e-5}.get(name, 1e-3)
 
 
+@pytest.mark.campaign
 @parametrize_first(1, ("count", "longest"), [(60, 1), (60, 5), (10, 40)])
 def test_forged_losses_leave_the_figures_what_they_are(ran: Ran, count: int, longest: int) -> None:
     n = ran.series.command_v.size

@@ -193,6 +193,7 @@ WRONG = {
 }
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("text", WRONG)
 def test_what_is_no_measurement_is_refused_and_nothing_is_written(lab: Path, text: str) -> None:
     with pytest.raises(InputError) as caught:

@@ -33,6 +33,7 @@ def setup_of(case: str, *settings: str) -> Setup:
     return make_setup(load_cases([case], settings)[0])
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("controller", ["FF", "FF+FB"])
 def test_the_papers_building_is_safe(controller: str, default_identification: Identification) -> None:
     setup = setup_of("el_centro_low_ff_fb", f"controller={controller}")
@@ -63,6 +64,7 @@ def test_a_loop_whose_friction_is_countered_must_tolerate_less_change_with_the_l
     assert needed[1] - needed[0] == pytest.approx(0.08 * (1.0 - math.sqrt(1.0 - 0.91)), rel=1e-3)
 
 
+@pytest.mark.campaign
 def test_twice_the_largest_scaling_is_unsafe_and_says_which_limit(default_identification: Identification) -> None:
     safe = setup_of("el_centro_low_ff_fb")
     largest = preflight_of(safe, default_identification, design_blocks(safe, default_identification)).largest_scaling

@@ -75,6 +75,7 @@ def measured_error(setup: Setup, identified: Identification) -> np.ndarray:
     return np.asarray(found["exp_rths.rms_error_m_s2"])
 
 
+@pytest.mark.campaign
 def test_a_tangents_verdict_is_that_of_the_linear_building(default_identification: Identification) -> None:
     """The linear building with the law's second stiffness, stated in its case, by the way of every case."""
     setup = setup_of(law=BILINEAR)

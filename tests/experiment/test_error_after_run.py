@@ -61,6 +61,7 @@ def test_a_specimen_as_identified_has_a_bound_that_holds_and_no_finding(
     assert "hardly matters" not in verdict(result)
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "factor", [0.8, 1.15])
 def test_a_specimen_that_changed_since_its_identification_is_the_reference_s(
     tmp_path: Path, memory: Memory, record: str, factor: float

@@ -68,6 +68,7 @@ def default(memory: Memory) -> tuple[Values, np.ndarray, Identification]:
     return *budget_of(setup, identified), identified
 
 
+@pytest.mark.campaign
 def test_the_parts_add_up_to_the_measured_error(
     default: tuple[Values, np.ndarray, Identification],
 ) -> None:
@@ -153,6 +154,7 @@ def test_friction_that_was_not_identified_is_found_in_the_run(
     assert value(found, "friction_v") == pytest.approx(identified.friction.command_v, rel=0.2)
 
 
+@pytest.mark.campaign
 def test_a_softer_specimen_is_the_specimens_error(
     default: tuple[Values, np.ndarray, Identification],
 ) -> None:
@@ -164,6 +166,7 @@ def test_a_softer_specimen_is_the_specimens_error(
         assert value(found, f"rms_error_{name}_m_s2") < 0.05 * roof
 
 
+@pytest.mark.campaign
 @parametrize_first(1, ("gain", "late_s"), [(1.01, 0.0), (1.0, 5e-5), (0.98, -1e-4)])
 def test_a_wrong_gain_and_delay_of_the_model_are_named(
     default: tuple[Values, np.ndarray, Identification], gain: float, late_s: float

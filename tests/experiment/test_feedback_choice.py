@@ -54,6 +54,7 @@ def test_where_the_usual_feedback_is_safe_it_stays(
     assert not [one for one in design_figures(default_setup, default_identification, found) if "chosen" in one]
 
 
+@pytest.mark.campaign
 def test_left_open_the_feedback_lets_a_lightly_damped_building_stand_a_tenth_of_gain(bare: Identification) -> None:
     """Judged by the eigenvalues of the whole loop, not by the check's own distances."""
     setup = bare_setup()

@@ -53,6 +53,7 @@ def test_a_small_motion_with_friction_is_as_accurate_as_one_without(tmp_path: Pa
     assert (np.asarray(values["budget.rms_error_rounding_m_s2"]) < 0.04 * late).all()
 
 
+@pytest.mark.campaign
 def test_the_low_level_record_decides(default_identification: Identification) -> None:
     """Of friction as the virtual table has it nearly all is removed; no more than half of it, or nothing known: off."""
     friction = default_identification.friction

@@ -134,6 +134,7 @@ def later(values: Array, samples: float) -> Array:
     )  # fmt: skip
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "samples", [0.2, 3.0, 50.0])
 def test_channels_that_state_later_starts_give_the_same_delay(
     identify: Identify, made: tuple[Identification, Recording], setup: Setup, samples: float

@@ -103,6 +103,7 @@ def test_drift_and_shear_follow_from_the_motion_in_their_group(results: dict[str
             assert abs(stored).max(axis=1) == pytest.approx(found[f"metrics/{run}/peak_{name}"], rel=1e-9)
 
 
+@pytest.mark.campaign
 def test_the_response_is_read_or_computed_to_the_same_numbers(results: dict[str, Path]) -> None:
     stored, computed = (rths_cli.load(results[series]).response for series in ("all", "essential"))
     assert np.array_equal(stored.inter_storey_drift_m, held(results["all"])["exp_rths/inter_storey_drift_m"])

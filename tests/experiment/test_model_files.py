@@ -163,6 +163,7 @@ def test_what_an_identification_may_lack_comes_back_too(
     assert bits(load(tmp_path / "poor.h5", default_setup).found) == bits(poor)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
@@ -367,6 +368,7 @@ def test_fresh_excites_and_keeps_what_it_found(cache_folder: Path, default_setup
     assert kept.stat().st_ino != before and load(kept, default_setup).found.accepted
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "setting",
     [
@@ -463,6 +465,7 @@ def test_a_spoilt_file_in_the_cache_is_replaced(
     assert excited == [CASE] and again.source.startswith("cache")
 
 
+@pytest.mark.campaign
 def test_a_cache_that_cannot_be_written_does_no_harm(tmp_path: Path, default_setup: Setup, excited: list[str]) -> None:
     (tmp_path / "file").write_text("in the way")
     (tmp_path / "kept").mkdir()
@@ -520,6 +523,7 @@ def test_two_processes_at_once_do_no_harm(
     assert len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.campaign
 def test_changed_options_of_a_plug_in_make_another_rig(
     default_identification: Identification, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -157,6 +157,7 @@ def test_a_record_of_an_offset_alone_leaves_no_motion(tmp_path: Path) -> None:
     assert "record.baseline: mean leaves no motion" in refusal_of(tmp_path, np.full(TIME_S.size, 0.3), baseline="mean")
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(20))
 def test_clean_records_and_one_sided_pulses_are_not_doubted(tmp_path: Path, seed: int) -> None:
     pulse = np.where((seed < TIME_S) & (seed + 1.0 > TIME_S), np.sin(math.pi * (TIME_S - seed)), 0.0)

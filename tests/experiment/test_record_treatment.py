@@ -45,6 +45,7 @@ def in_test_band(setup: Setup) -> Array:
     return np.asarray(sosfiltfilt(sos, setup.motion.displacement_m))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("defect", DEFECTS)
 def test_a_defect_is_named_with_its_figure_and_its_key_mends_it(tmp_path: Path, defect: str) -> None:
     added, told, key = DEFECTS[defect]
@@ -195,6 +196,7 @@ def test_a_record_is_scaled_to_its_peak_or_energy_before_the_factor(tmp_path: Pa
     assert np.pi / (2.0 * 9.80665) * (accel**2).sum() * 5e-4 == pytest.approx(0.3, rel=2e-3)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("length", [1.0, 2.4])
 def test_a_record_is_scaled_to_the_spectrum_at_the_first_period_of_the_prototype(tmp_path: Path, length: float) -> None:
     setup = scaled(tmp_path, {"measure": "sa_t1", "value": 3.0}, scale={"length": length})
@@ -205,6 +207,7 @@ def test_a_record_is_scaled_to_the_spectrum_at_the_first_period_of_the_prototype
     assert np.abs(lsim(system, accel, t)[1]).max() == pytest.approx(3.0, rel=2e-3)
 
 
+@pytest.mark.campaign
 def test_a_record_is_scaled_to_the_spectrum_of_a_code(tmp_path: Path) -> None:
     ends = {"period_s": [0.15, 0.5]}
     one = scaled(tmp_path, {"spectrum": "ec8", "ground": "B", "ag_m_s2": 1.0, **ends})

@@ -185,6 +185,7 @@ def test_a_run_in_the_file_of_another_program_has_the_metrics_of_its_result(
     assert declaration_faults(path.with_suffix(".h5")) == []
 
 
+@pytest.mark.campaign
 def test_six_digits_and_another_order_change_nothing_that_counts(made: Made, tmp_path: Path, memory: Memory) -> None:
     turned = dict(reversed(list(made.series.items())))
     csv(tmp_path / "run.csv", turned, clock(turned), digits=6)
@@ -209,6 +210,7 @@ def test_a_foreign_start_is_taken_off_by_whole_samples(
     assert "moved by whole samples" in said and ("3 % wrong" in said or "2.91 % wrong" in said) == (rate_hz != 2000.0)
 
 
+@pytest.mark.campaign
 def test_a_clock_that_is_20_ppm_fast_is_found_and_taken_off(made: Made, tmp_path: Path, memory: Memory) -> None:
     count, places = made.series["table"].size, -100.4 + (1.0 - 20e-6) * np.arange(made.series["table"].size + 300)
 
@@ -229,6 +231,7 @@ def test_a_clock_that_is_20_ppm_fast_is_found_and_taken_off(made: Made, tmp_path
     assert np.abs(left).max() < 1e-3 * np.abs(made.series["desired"]).max()
 
 
+@pytest.mark.campaign
 def test_lost_samples_are_told_and_the_part_before_them_is_judged(made: Made, tmp_path: Path, memory: Memory) -> None:
     path, at = tmp_path / "a.npz", 14_000
     cut = {name: np.concatenate([row[:at], row[at + 150 :]]) for name, row in made.series.items()}
@@ -271,6 +274,7 @@ def test_what_is_wrong_is_told_by_its_cause(
     assert told in said and len(said.splitlines()) == 1
 
 
+@pytest.mark.campaign
 def test_exchanged_floors_are_told_and_a_minus_turns_a_sign(made: Made, tmp_path: Path, memory: Memory) -> None:
     path = tmp_path / "a.npz"
     swapped = made.series | {"floor 2": made.series["floor 3"], "floor 3": made.series["floor 2"]}
@@ -280,6 +284,7 @@ def test_exchanged_floors_are_told_and_a_minus_turns_a_sign(made: Made, tmp_path
     compare(evaluate(made, path, memory, channels), made, 1e-9)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("keys", "told"),
     [
@@ -307,6 +312,7 @@ def test_another_specimen_is_found_with_its_stiffness(made: Made, tmp_path: Path
     np.testing.assert_allclose(over[1:], [7331.56 / 7000.0, 7376.40 / 7700.0], rtol=0.003)
 
 
+@pytest.mark.campaign
 def test_what_is_missing_is_named_with_its_cost(made: Made, tmp_path: Path, memory: Memory) -> None:
     path = tmp_path / "a.npz"
     least = {name: made.series[name] for name in ("ground", "table", "floor 2", "floor 3")}

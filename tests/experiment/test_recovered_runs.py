@@ -136,6 +136,7 @@ def _elsewhere(resolved: str, folder: str, gone: str) -> str:
     return resolved.replace("\nidentification:\n", IDENTIFIED).replace(folder, gone)
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "present", [True, False], ids=["result begun", "no result"])
 def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path: Path, present: bool) -> None:
     result = tmp_path / "a.h5"

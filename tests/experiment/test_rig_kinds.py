@@ -128,6 +128,7 @@ def test_a_model_of_another_rig_is_refused_by_name_and_kind() -> None:
     assert differences(twin, wanted)[0].startswith("identified on rig other_table of kind udp, the case's rig is udp_")
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "setting",
     [

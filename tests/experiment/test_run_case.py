@@ -123,6 +123,7 @@ def test_the_same_seed_gives_the_same_bytes_and_dropping_a_run_changes_no_other(
     assert other["exp_rths/command_v"] != again["exp_rths/command_v"]
 
 
+@pytest.mark.campaign
 def test_a_limit_stops_the_run_and_the_file_says_so(tmp_path: Path, memory: Memory) -> None:
     ended = run(tmp_path / "s.h5", memory, "scaling=3", "runs=[sim, shake_table, exp_rths]", overrides=("check",))
     assert (ended.exit_code, ended.status) == (3, "aborted")
@@ -148,6 +149,7 @@ def test_the_table_as_delivered_is_stopped_by_a_limit_because_the_loop_is_unstab
     assert (ended.exit_code, ended.status) == (3, "aborted")
 
 
+@pytest.mark.campaign
 def test_accept_limits_judge_the_figures_by_their_path(tmp_path: Path, memory: Memory) -> None:
     fine = run(tmp_path / "a.h5", memory, "runs=[sim_delay]", "accept={'sim_delay.rms_error_m_s2[3]': 0.2}")
     assert (fine.exit_code, fine.reason) == (0, "")

@@ -109,6 +109,7 @@ def test_every_figure_is_the_nominal_one_with_the_range_over_all_members(
     assert found["check.largest_scaling"] == min(scalings) < scalings[0]
 
 
+@pytest.mark.campaign
 def test_a_model_without_other_samples_than_itself_is_judged_as_without_samples(
     certain: Setup, identified: Identification, design: Design
 ) -> None:
@@ -222,6 +223,7 @@ def files(tmp_path_factory: pytest.TempPathFactory, certain: Setup, identified: 
     return {name: folder / f"{name}.h5" for name in made}
 
 
+@pytest.mark.campaign
 def test_samples_come_from_model_files_or_a_function(identified: Identification, files: dict[str, Path]) -> None:
     named = f"identification.model={files['nominal']}"
     alone = Memory().at_rest(setup_with((), named), lambda _: None)

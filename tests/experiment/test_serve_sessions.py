@@ -65,6 +65,7 @@ def play(running: Running, rig: UdpRig, commands: Array, pause: tuple[int, float
     return np.array(samples), np.diff(ticks, prepend=0)
 
 
+@pytest.mark.campaign
 def test_a_session_has_the_samples_of_the_offline_table(running: Running) -> None:
     """Up to the first stall those of the offline run, then those of a table advanced by as many ticks as passed."""
     commands, rig = wave(160), running.rig()
@@ -139,6 +140,7 @@ def test_a_killed_runner_is_waited_out_and_a_new_one_begins_at_rest(running: Run
     assert [one.commands for one in running.server.ended] == [40]
 
 
+@pytest.mark.campaign
 @parametrize_first(2, "bad", [np.nan, np.inf, -np.inf, 10.001, -1e300])
 def test_a_command_that_is_no_number_or_out_of_range_is_not_obeyed(running: Running, bad: float) -> None:
     rig = running.rig()
@@ -211,6 +213,7 @@ def test_the_table_is_led_to_rest_when_it_ran_into_its_end_stop(running: Running
     rig.close()
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("silent", [False, True])
 def test_the_way_to_rest_begins_as_the_table_may_move(running: Running, silent: bool) -> None:
     """After a step of 63 mm: braked from 1 m/s, the limit, when asked at once, from a halt when it has held it."""

@@ -62,6 +62,7 @@ def energy_left(result: Any) -> float:
     return float(np.abs(left).max() / np.abs(put).max())
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "name", LAWS)
 def test_a_hybrid_test_follows_sim_of_a_yielding_storey(name: str) -> None:
     """What SIM computes by events is what the step, table and specimen do: within 0.6 % in every storey."""

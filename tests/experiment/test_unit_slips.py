@@ -33,6 +33,7 @@ def test_right_buildings_and_rigs_are_not_doubted() -> None:
     assert len(doubted) <= 0.05 * RIGHT, doubted
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("setting", "key", "said"),
     [

@@ -109,6 +109,7 @@ def setup_of(*settings: str) -> Any:
     return make_setup(load_cases([CASE], ("table=own.yaml", RATE, *settings))[0])
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("clock", ["runner", "target"])
 def test_a_watchdog_that_acts_is_proven_for_this_rig_file(trial: Trial, clock: str) -> None:
     found = trial(clock=clock)
@@ -129,6 +130,7 @@ def test_a_watchdog_that_acts_is_proven_for_this_rig_file(trial: Trial, clock: s
         check_watchdog(setup_of().case)
 
 
+@pytest.mark.campaign
 @parametrize_first(
     4,
     ("kind", "clock", "acts_s", "said"),

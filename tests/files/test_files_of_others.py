@@ -85,6 +85,7 @@ def held(path: Path) -> Iterator[None]:
         it.stdin.close()
 
 
+@pytest.mark.campaign
 def test_a_file_that_another_program_writes_is_told_so(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "a.h5"
     WRITE[kind](path)
@@ -98,6 +99,7 @@ def test_a_file_that_another_program_writes_is_told_so(tmp_path: Path, kind: str
     assert READ[kind](path)
 
 
+@pytest.mark.campaign
 def test_a_file_that_others_read_is_read_beside_them(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "a.h5"
     WRITE[kind](path)

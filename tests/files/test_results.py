@@ -351,6 +351,7 @@ except InputError as error:
     return done.stdout
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("limit", [100, 3_000_000])
 def test_a_full_disk_is_one_sentence_and_leaves_nothing(tmp_path, limit):
     said = fill_the_disk(tmp_path / "a.h5", limit)

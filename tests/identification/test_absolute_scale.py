@@ -72,6 +72,7 @@ def test_a_reversed_channel_and_one_without_uncertainty_change_nothing():
     assert observations([replace(record([1.0] * 3, np.ones(2)), further=None)], RIG, MASSES, 0.5, 3.2) == ()
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(4))
 def test_a_short_record_of_noise_shows_the_same_scale(seed):
     """40 s at 100 Hz: a motion of 2,000 sines from 0.3 Hz up, nearly all of its displacement at the lowest ones."""

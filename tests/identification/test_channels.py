@@ -89,6 +89,7 @@ def test_every_pair_of_swapped_channels_is_named(floors: int, kind: Kind) -> Non
         assert f"channels {names(made)[one]} and {names(made)[other]}: they look swapped" in str(found[0])
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "kind", KINDS)
 @parametrize_first(1, "floors", [1, 2, 3])
 def test_only_the_reversed_channel_is_named(floors: int, kind: Kind) -> None:
@@ -135,6 +136,7 @@ def test_table_of_wrong_sensitivity_is_named_where_all_floors_say_so(factor: flo
     assert stated(found[0], "table") == pytest.approx(factor, abs=0.01)
 
 
+@pytest.mark.campaign
 @parametrize_first(
     1,
     ("factor", "unit"),
@@ -164,6 +166,7 @@ def test_lost_samples_are_counted_and_placed() -> None:
     assert "channel command: 1 of" in fault
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("kind", KINDS)
 def test_dead_and_drowned_channels_are_named(kind: Kind) -> None:
     made = clean(2, kind=kind)
@@ -266,6 +269,7 @@ def test_a_channel_far_beyond_its_range_has_a_wrong_unit() -> None:
     assert "channel floor_1: reads " in fault and "check the channel's unit" in fault
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("hz", [50.0, 60.0, 150.0])
 @pytest.mark.parametrize("kind", KINDS)
 def test_hum_is_found_in_silence_with_its_amplitude(kind: Kind, hz: float) -> None:

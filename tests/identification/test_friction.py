@@ -191,6 +191,7 @@ def test_friction_that_fades_near_standstill_is_found_too() -> None:
     assert found is not None and found.command_v == pytest.approx(3e-4, rel=0.006)
 
 
+@pytest.mark.campaign
 @parametrize_first(1, ("stuck_m", "most"), [(1e-4, 0.3), (2e-4, 0.8), (6e-4, 1.5)])
 def test_friction_in_slip_is_found_where_it_holds_like_a_spring_at_reversals(stuck_m: float, most: float) -> None:
     """Dahl's law, dz = v - abs(v) z / stuck: the force after a way x from a reversal is 1 - 2 exp(-x / stuck)."""

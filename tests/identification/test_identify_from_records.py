@@ -39,6 +39,7 @@ def first() -> Excited:
     return excite(make_specimen(), 1)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("stiffer", "more_damped"), [(1.3, 30.0), (0.7, 5.0), (1.0, 0.1)])
 def test_a_first_look_that_went_astray_is_corrected(first: Excited, stiffer: float, more_damped: float) -> None:
     """Model and specimen improve in turns: what the table's zeros are held at does not depend on where it began."""
@@ -134,6 +135,7 @@ def test_a_table_without_friction_is_found_to_half_a_thousandth_at_1_khz() -> No
     assert kept.best.coupling_hz == 0.0
 
 
+@pytest.mark.campaign
 @parametrize_first(
     1,
     "stiffness, ratios, seed",
@@ -248,6 +250,7 @@ def test_several_records_lower_the_errors(first: Excited) -> None:
     assert three.specimen.natural_frequency_hz == pytest.approx([3.2, 8.4], rel=0.0005)
 
 
+@pytest.mark.campaign
 def test_linear_table_answers_alike_at_both_levels() -> None:
     loud, other = linear(make_specimen(), seed=3), linear(make_specimen(), seed=4)
     quiet = replace(other.record, command_v=0.25 * other.record.command_v, accel_m_s2=0.25 * other.record.accel_m_s2)

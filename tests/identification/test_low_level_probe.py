@@ -173,6 +173,7 @@ def test_burst_that_limits_hold_down_lowers_nothing() -> None:
     assert level.limited_by == ""
 
 
+@pytest.mark.campaign
 @parametrize_first(2, "kind", ["noise", "multisine", "sweep", "step"])
 @parametrize_first(
     2,

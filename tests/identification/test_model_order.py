@@ -63,6 +63,7 @@ def improved(found: Fit, raw: Frf, record: Record) -> tuple[Fit, Frf]:
     return found, clean
 
 
+@pytest.mark.campaign
 @parametrize_first(
     3,
     ("name", "lags_hz", "extra_s", "frame", "noise_m_s2"),

@@ -122,6 +122,7 @@ def by_drifts(dampers: np.ndarray) -> np.ndarray:
     return np.asarray(summed.T @ dampers @ summed)
 
 
+@pytest.mark.campaign
 def test_its_specimen_and_laws_are_what_was_found() -> None:
     found = identified(0.02, 0.1)
     assert found is not None

@@ -55,6 +55,7 @@ def chain_of(seen, gain=0.01, mass=0.003):
     return fitted([seen], DT_S, np.array(MASSES[count]), channels, 0.5, start, priors, HIGHEST_HZ)
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "count", [2, 3])
 @parametrize_first(1, "rocking", [2e-7, 2e-6])
 def test_pitch_is_found_with_the_storeys_on_a_rigid_base(count, rocking):

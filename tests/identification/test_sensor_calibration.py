@@ -159,6 +159,7 @@ def test_masses_may_be_all_that_is_free():
     assert problem.posterior(np.array([np.log(7000.0), np.log(0.04), 0.0]))[1].shape[0] == 3
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "seed", range(3))
 def test_ratios_are_found_within_their_uncertainty_and_the_common_scale_stays(seed):
     random = np.random.default_rng(100 + seed)
@@ -348,6 +349,7 @@ def test_the_alias_that_the_tables_model_took_for_a_corner_shows_the_corner_of_a
     assert np.all([alone.error_of(row) > 0.05 for row in np.eye(11)[3:6]])
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "specimen", [{"dashpots": (0.0, 3.0)}, {"dashpots": (5.0, 0.0)}, {"rocking": 2e-6}])
 def test_a_specimen_that_is_no_chain_with_modal_damping_shows_no_false_sensors(specimen):
     """A damper in one storey looks like a sensor that lags, a rocking base like other masses, where modes are alone."""
@@ -358,6 +360,7 @@ def test_a_specimen_that_is_no_chain_with_modal_damping_shows_no_false_sensors(s
     assert abs(np.log(found.mass[1] / found.mass[0])) < 2e-3
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "specimen", [{"rocking": 2e-6}, {"dashpots": (3.0, 0.0)}])
 def test_a_specimen_that_is_no_chain_shows_no_total_mass_either(specimen):
     seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), **specimen)

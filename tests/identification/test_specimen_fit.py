@@ -41,6 +41,7 @@ def fitted(specimen: Specimen, table: np.ndarray, moved: np.ndarray) -> Specimen
     return fit_specimen([Motion(table, moved)], DT, specimen.masses_kg, 0.5, first)
 
 
+@pytest.mark.campaign
 @parametrize_first(
     2,
     ("stiffness", "ratios"),

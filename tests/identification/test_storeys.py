@@ -76,6 +76,7 @@ def assert_healthy(made: Chain, plant: Plant, misfit: float, within: float) -> N
     assert said(made) == channel_responses.Judgement()
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "name", PLANTS)
 def test_a_chain_as_declared_is_explained_and_not_accused(name: str) -> None:
     assert_healthy(chain(name), PLANTS[name], misfit=2.0, within=0.01)

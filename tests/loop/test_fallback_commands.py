@@ -119,6 +119,7 @@ def test_in_the_ramp_a_share_of_it_is_foreseen() -> None:
     assert run.course.foresight.made[:POINTS] == pytest.approx(0.25 * whole) and np.abs(whole).max() > 0.1
 
 
+@pytest.mark.campaign
 def test_while_the_test_ends_the_way_of_the_guard_is_foreseen() -> None:
     run = played(1e-3, NUMERICAL, wave(2000, 1e-3, NUMERICAL))
     run = replace(run, limits=run.limits._replace(acceleration_m_s2=45.0, stroke_m=0.079))

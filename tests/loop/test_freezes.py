@@ -77,6 +77,7 @@ def test_a_target_that_approaches_late_commands_is_not_stopped_by_its_own_jump(f
     assert np.linalg.norm(fast.errors(run)) < 1.3 * np.linalg.norm(ideal)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("mode", [GOES_ON, ANSWERS_LOST])
 def test_a_target_that_goes_on_as_told_or_loses_answers_only_costs_next_to_nothing(
     laboratory: Freezing, mode: int

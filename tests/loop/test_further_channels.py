@@ -77,6 +77,7 @@ def test_the_base_shear_of_a_run_by_a_perfect_cell_is_equation_2_6(interface_mas
     assert np.abs(log.base_shear_n - wanted).max() <= 1e-9 * np.abs(wanted).max()
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "make", [best_with_cell, paper_with_cell])
 @parametrize_first(1, "interface_mass", [0.0, 1.2])
 def test_the_compiled_step_takes_the_load_cell_as_the_reference_does(
@@ -210,6 +211,7 @@ def test_a_healthy_run_ends_with_its_record() -> None:
     assert np.abs(rig.place_m).max() > 0.018
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [

@@ -54,6 +54,7 @@ def building(masses: Array, stiffness: Array, dashpots: Array) -> Numerical:
     return Numerical(masses, storey_matrix(stiffness), storey_matrix(dashpots))
 
 
+@pytest.mark.campaign
 @parametrize_first(4, "scheme", ["exact", "cr", "newmark"])
 @parametrize_first(4, "storeys", [1, 2, 5, 40])
 def test_buildings_of_any_height_move_as_the_block_says(storeys: int, scheme: str) -> None:

@@ -76,6 +76,7 @@ def limits_of(served: ServedRig) -> GuardLimits:
     return guard_limits(served.setup)
 
 
+@pytest.mark.campaign
 def test_the_same_run_over_both_links_and_with_both_clocks(served: ServedRig, serving: Serve, tmp_path: Path) -> None:
     """It ends by its record, with as many steps and the same motion, whoever has the clock."""
     make_secret(tmp_path / "key")
@@ -108,6 +109,7 @@ def test_the_same_run_over_both_links_and_with_both_clocks(served: ServedRig, se
     assert size > 0.05
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("of_target", [False, True])
 def test_a_runner_that_falls_silent_is_rested_by_the_watchdog(serving: Serve, of_target: bool) -> None:
     server, rig = serving(of_target, 0.3)

@@ -111,6 +111,7 @@ def test_the_calls_of_an_earlier_step_stay_callable() -> None:
     assert python.fault() == "" and run.log.done[0] > 0
 
 
+@pytest.mark.campaign
 @parametrize_first(
     1,
     ("wrong", "says"),

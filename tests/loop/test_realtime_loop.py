@@ -232,6 +232,7 @@ def gap() -> Signals:
     return with_losses(lost)
 
 
+@pytest.mark.campaign
 def test_where_no_samples_came_the_table_is_as_desired(gap: Signals) -> None:
     """Corrected for sensor and staircase it is what was desired for t_k, two samples before."""
     wanted = gap.desired[0, GAP.start - 2 : GAP.stop - 2]

@@ -123,6 +123,7 @@ def test_a_limited_feedback_is_told_the_same() -> None:
     assert np.abs(outcome.log.command_v - other).max() > 0.01
 
 
+@pytest.mark.campaign
 def test_a_command_is_rounded_to_the_same_bits() -> None:
     info, drive = rig_info(), ground(6000)
     blocks = replace(best_like(info, 1.2), shaping_step_v=20.0 / 2**16)

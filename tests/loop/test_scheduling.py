@@ -110,6 +110,7 @@ def test_a_lower_priority_is_taken_where_the_limit_is_lower(monkeypatch: pytest.
     assert not any("SCHED_FIFO" in text for text in granted.refused)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("isolated", "last", "next_to_last"), [(set(), 7, 6), ({2}, 2, 7), ({2, 3}, 3, 2), ({8}, 8, 7)]
 )

@@ -112,6 +112,7 @@ def test_the_step_follows_each_law_as_sim_does(name: str) -> None:
     assert errors[0] / errors[2] > (3.0 if name in KINKS else 12.0)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", REPEATED)
 def test_a_law_of_the_user_s_own_steps_as_the_built_in_one_that_it_repeats(name: str) -> None:
     make, built_in = REPEATED[name]
@@ -204,6 +205,7 @@ def test_a_damper_solves_its_own_equation(power: float, c: float, gives: float, 
     assert found == pytest.approx(np.sign(rate) * c * v**power, rel=1e-11)
 
 
+@pytest.mark.campaign
 @parametrize_first(6, "gives", [0.0, 1e-3, 0.05, 1.0])
 @parametrize_first(6, "power", [0.01, 0.1, 0.3, 0.7, 0.9, 1.5, 2.5, 3.0])
 def test_a_damper_has_its_force_at_every_rate(power: float, gives: float) -> None:
@@ -240,6 +242,7 @@ def followed(numbers: Array, curve: Array, table: Array, memory: Array, drifts: 
         forces[k] = hysteresis(numbers, curve, table, memory, drifts[k])
 
 
+@pytest.mark.campaign
 @parametrize_first(
     2,
     ("n", "beta", "gamma", "within"),
@@ -278,6 +281,7 @@ def test_bouc_and_wen_s_variable_follows_its_equation(n: float, beta: float, gam
     assert np.abs(forces / limit + drifts / limit - wanted).max() < within
 
 
+@pytest.mark.campaign
 @parametrize_first(
     2,
     ("law", "within"),

@@ -482,6 +482,7 @@ def spared(pairs: tuple[Array, Array]) -> float:
     return larger[0]
 
 
+@pytest.mark.campaign
 def test_what_allocates_or_counts_references_is_seen_also_when_it_is_loaded() -> None:
     """The second entry of each function loads the code."""
     pair = np.zeros(2), np.ones(2)

@@ -56,6 +56,7 @@ def test_a_table_holds_values_and_slopes(four: int) -> None:
     assert np.abs(scale * found[:, 4:].T - slopes[four : four + 4]).max() < 1e-6
 
 
+@pytest.mark.campaign
 def test_a_table_begins_where_it_is_exact_and_reads_an_end_beyond_it() -> None:
     def steep(x: Array) -> Array:
         return np.stack([1.0 / x] + [x] * (FUNCTIONS - 1))

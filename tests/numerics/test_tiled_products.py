@@ -40,6 +40,7 @@ def moved(source: Array, target: Array, queue: Array) -> None:
     shifted(queue)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("rows", "columns"), [(1, 1), (3, 2), (4, 4), (5, 9), (13, 7), (16, 12), (0, 3), (2, 0)])
 def test_products_are_numpys(rows: int, columns: int) -> None:
     random = np.random.default_rng(rows + 20 * columns)

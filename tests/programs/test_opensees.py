@@ -51,6 +51,7 @@ def test_the_force_on_a_floor_has_those_of_the_nodes_tied_to_it(tmp_path: Path) 
     assert found.first_hz == pytest.approx(np.sqrt(found.stiffness[0, 0] / 500.0) / (2.0 * np.pi), rel=1e-6)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("change", "told"),
     [
@@ -66,6 +67,7 @@ def test_what_a_model_may_not_be_is_one_sentence(tmp_path: Path, change: dict[st
     assert told in str(refused.value)
 
 
+@pytest.mark.campaign
 def test_mass_of_elements_is_seen_by_the_first_frequency(tmp_path: Path) -> None:
     part = ProgramPart(frame(tmp_path), 200.0)
     heavy = (tmp_path / "frame.py").read_text(encoding="utf-8").replace(", 1e-8, 1)", ", 1e-8, 1, '-mass', 50.0)")

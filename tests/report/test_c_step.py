@@ -137,6 +137,7 @@ def test_the_printed_method_is_the_one_of_the_compiled_step(tmp_path: Path) -> N
     assert ours.reason == 15 and ours.log.command_v.any()
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "laws", LAWS)
 def test_every_storey_law_is_the_one_of_the_compiled_step(tmp_path: Path, laws: str) -> None:
     info, drive = rig_info(), 8.0 * ground(STEPS)
@@ -147,6 +148,7 @@ def test_every_storey_law_is_the_one_of_the_compiled_step(tmp_path: Path, laws: 
     assert np.abs(ours.log.desired[0] - without.log.desired[0]).max() > 0.05 * np.abs(without.log.desired[0]).max()
 
 
+@pytest.mark.campaign
 def test_further_channels_and_a_load_cell_are_those_of_the_compiled_step(tmp_path: Path) -> None:
     info = with_channels(rig_info(), (displacement(), cell(), strain()))
     limits = open_limits(info)._replace(further=further_limits(info, np.array([2.0, 6.91, 6.95])))
@@ -192,6 +194,7 @@ def test_the_guard_stops_at_the_same_sample_for_the_same_reason(tmp_path: Path, 
     assert ours.log.state[-1] == 5.0
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("lost", "reason"), [((400, 401, 402, 403, 404), 0), ((400, 401, 402, 403, 404, 405), 12)])
 def test_too_many_lost_samples_end_the_test(tmp_path: Path, lost: tuple[int, ...], reason: int) -> None:
     info, drive = rig_info(), ground(STEPS)
@@ -307,6 +310,7 @@ AT_REST = {
 }
 
 
+@pytest.mark.campaign
 @parametrize_first(2, "what", AT_REST)
 def test_channels_that_do_not_rest_stop_the_test_before_it_moves(tmp_path: Path, what: str) -> None:
     info = rig_info()

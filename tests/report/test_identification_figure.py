@@ -171,6 +171,7 @@ def test_a_file_that_cannot_be_written_is_one_sentence_and_leaves_nothing(found,
     assert [path.name for path in tmp_path.iterdir()] == ["taken.svg"]
 
 
+@pytest.mark.campaign
 def test_a_full_disk_leaves_the_figure_that_was_there(found, tmp_path, monkeypatch):
     path = tmp_path / "x.svg"
     path.write_text("before")

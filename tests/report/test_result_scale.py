@@ -84,6 +84,7 @@ def result(tmp_path: Path) -> Result:
     return stored(tmp_path / "one.h5")
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("path", list(FACTORS))
 def test_every_kind_of_figure_has_its_factor(result: Result, path: str) -> None:
     found = in_prototype_scale(result).metrics[path]
@@ -231,6 +232,7 @@ def heading(figure: object) -> str:
     return " ".join(figure.get_suptitle().split())  # type: ignore[attr-defined]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", ["table_response", "spectra", "delay_and_gain", "limits"])
 def test_figures_of_the_rig_are_in_model_scale(series_file: Path, name: str) -> None:
     result = read_result(series_file)

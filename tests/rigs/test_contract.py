@@ -162,6 +162,7 @@ def test_the_declared_latency_is_true(kind: Kind, latency_samples: int) -> None:
     assert latency(lambda: kind.make(latency_samples=latency_samples)) == ""
 
 
+@pytest.mark.campaign
 def test_the_seed_decides_the_bytes(kind: Kind) -> None:
     if not kind.seeded:
         pytest.skip("a kind of rig without noise")

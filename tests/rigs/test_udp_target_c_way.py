@@ -107,6 +107,7 @@ def target(tmp_path: Path) -> Iterator[Clocked]:
     clocked.process.wait()
 
 
+@pytest.mark.campaign
 @parametrize_first(2, "spacing", [1, 8])
 @parametrize_first(2, "count", [1, 2, 14])
 def test_it_goes_the_way_it_is_told_then_holds(target: Clocked, spacing: int, count: int) -> None:
@@ -160,6 +161,7 @@ def test_it_goes_no_faster_than_its_limit_and_no_farther_than_its_range(target: 
     assert target.held(5_000_000, 6) == pytest.approx([9.7, 9.827, 9.954, 10.0, 10.0, 10.0], rel=1e-12)
 
 
+@pytest.mark.campaign
 @parametrize_first(2, ("spacing", "last"), [(0, 0.1), (-1, 0.1), (1001, 0.1), (4, np.nan), (4, np.inf), (4, 1e308)])
 def test_a_way_that_is_no_good_makes_it_hold(target: Clocked, spacing: int, last: float) -> None:
     target.command(5_000_000, struct.pack("<dq2d", 0.01, spacing, 0.1, last))

@@ -115,6 +115,7 @@ def solved(physics: VirtualPhysics, stated: Stated, command_v: Array) -> tuple[A
     return states, accels, events
 
 
+@pytest.mark.campaign
 @parametrize_first(
     2,
     ("stated", "size_v", "least_events"),

@@ -215,6 +215,7 @@ FAULTS = {
 }  # fmt: skip
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", FAULTS)
 def test_what_is_wrong_is_told_by_file_and_place(tmp_path, name):
     M, K, told = FAULTS[name]

@@ -70,6 +70,7 @@ def test_a_law_of_a_package_is_found_by_its_name(monkeypatch: pytest.MonkeyPatch
         law("lost")
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("fault", "says"),
     [
@@ -90,6 +91,7 @@ def test_each_property_that_a_law_lacks_is_one_sentence(fault: int, says: str) -
     assert told.startswith("structure.numerical.law: faulty_law.py: force ") and says in told
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("at_m", [-0.0123, 0.0077])
 def test_a_small_jump_beside_a_steep_slope_is_found(tmp_path: Path, at_m: float) -> None:
     """0.5 N where the law yields, with -6,300 N/m: over the drifts of a sample it is no stiffness beyond that."""

@@ -141,6 +141,7 @@ def test_two_storey_solutions_are_the_roots_of_the_quadratic() -> None:
     assert found[np.argsort(found[:, 1])] == pytest.approx(expected[np.argsort(k2)], rel=1e-10)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("n", [1, 3, 4, 5])
 def test_known_stiffness_is_recovered_and_every_set_has_the_frequencies(n: int) -> None:
     rng = np.random.default_rng(n)

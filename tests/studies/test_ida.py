@@ -106,6 +106,7 @@ def drift_and_sa(folder: Path, name: str) -> tuple[float, float]:
     return float(np.abs(drift).max()), float(omega**2 * np.abs(single).max())
 
 
+@pytest.mark.campaign
 def test_sim_at_every_level_is_that_of_another_solution(folder: Path, stripes: Swept) -> None:
     curves = curves_of(stripes.sweep, SIM, DRIFT)
     assert curves.records == ("a", "b", "c", "d") and curves.levels.tolist() == [0.2, 0.3, 0.4]
@@ -186,6 +187,7 @@ def test_refused_points_are_listed_and_a_stripe_with_many_states_no_fragility(fo
     assert ida_page.exit_code(swept.sweep) == 1
 
 
+@pytest.mark.campaign
 def test_levels_follow_sim_where_none_are_stated(folder: Path) -> None:
     shared = Shared((), lambda _: None)
     asked = AskedIda(str(folder / "case.yaml"), str(folder / "suite"), "sa_t1", "", (f"drift_m={LIMIT}",), "sim", False)

@@ -313,6 +313,7 @@ def test_a_finished_sweep_of_another_version_is_played_anew(whole: tuple[SweepRe
     assert begun is not None and not begun.resumed
 
 
+@pytest.mark.campaign
 def test_what_runs_share_is_made_once(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls: dict[str, int] = {}
 
@@ -346,6 +347,7 @@ def test_points_that_share_most_are_made_one_after_the_other(folder: Path) -> No
     assert made == sorted(made) and len(made) == 16
 
 
+@pytest.mark.campaign
 def test_a_run_that_a_limit_stops_is_a_row_too(folder: Path, tmp_path: Path) -> None:
     done = swept(asked(folder, "scaling=3.3", seeds="1"), tmp_path / "s.h5", overrides=("check",))
     assert done.exit_code == 3 and done.sweep.texts["status"] == ("aborted",)
@@ -353,6 +355,7 @@ def test_a_run_that_a_limit_stops_is_a_row_too(folder: Path, tmp_path: Path) -> 
     assert np.isnan(done.sweep.figures["exp_rths.tracking_rms_m_s2"].values).all()
 
 
+@pytest.mark.campaign
 def test_accept_limits_judge_each_run(folder: Path, tmp_path: Path) -> None:
     limits = "accept={'exp_rths.rms_error_m_s2[3]': 1e-9, 'sim_delay.rms_error_m_s2[3]': 1}"
     watcher = Watcher()
@@ -407,6 +410,7 @@ def test_every_fault_of_the_grid_is_told_before_the_first_run(folder: Path, tmp_
     assert len(caught.value.faults) == 4 and not (tmp_path / "out").exists()
 
 
+@pytest.mark.campaign
 def test_samples_out_of_bounds_are_one_fault_of_their_distribution(folder: Path, tmp_path: Path) -> None:
     study = tmp_path / "s.yaml"
     axis = "scaling: {distribution: normal, mean: 0.1, std: 0.2}"
@@ -424,6 +428,7 @@ def test_records_that_do_not_exist_are_named_with_their_point(folder: Path, tmp_
         swept(asked(folder, "record=el_centro,./none.csv"), tmp_path / "s.h5")
 
 
+@pytest.mark.campaign
 def test_a_case_that_lacks_what_is_varied_is_a_case_at_every_point(folder: Path, tmp_path: Path) -> None:
     (folder / "b.yaml").write_text(CASE.replace("scaling: 0.3\n", ""))
     request = asked(folder, "scaling=0.3")

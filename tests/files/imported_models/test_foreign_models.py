@@ -442,6 +442,7 @@ def damaged(whole, random):
     return bytes(data)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("name", "count"), [("m.yaml", 300), ("v5.mat", 4), ("v73.mat", 4)])
 def test_damaged_bytes_give_sentences_only(tmp_path, name, count):
     path = tmp_path / name

@@ -64,6 +64,7 @@ MATLAB = {
 }
 
 
+@pytest.mark.campaign
 @parametrize_first(6, "form", MATLAB)
 @parametrize_first(6, "compressed", [False, True])
 def test_matlab_v5(tmp_path: Path, form: str, compressed: bool) -> None:
@@ -74,6 +75,7 @@ def test_matlab_v5(tmp_path: Path, form: str, compressed: bool) -> None:
 REAL = Path(scipy.io.__file__).parent / "matlab" / "tests" / "data"
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(not REAL.is_dir(), reason="this scipy comes without its test files")
 @parametrize_first(6, "made_by", ["6.1_SOL2", "6.5.1_GLNX86", "7.4_GLNX86"])
 @parametrize_first(6, "kind", ["double", "matrix", "minus", "3dmatrix", "string", "stringarray"])

@@ -186,6 +186,7 @@ def side_by_side(path: Path, late: Late = EQUAL) -> None:
 WRITERS = [control_desk, one, multi, without_x, by_date, comma, commas, universal, binary, side_by_side]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("late", [EQUAL, (0.0, 1.0, 1.0), (25.0, 0.0, 0.0)])
 @pytest.mark.parametrize("write", WRITERS)
 def test_channels_stand_at_their_own_instants(tmp_path: Path, write: Callable[[Path, Late], None], late: Late) -> None:

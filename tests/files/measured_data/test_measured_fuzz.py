@@ -156,6 +156,7 @@ WORDS = [
 ]
 
 
+@pytest.mark.campaign
 @settings(derandomize=True, max_examples=300, deadline=None)
 @given(st.one_of(st.binary(max_size=80), st.lists(st.sampled_from(WORDS)).map(lambda rows: "\n".join(rows).encode())))
 def test_any_text_or_bytes(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:

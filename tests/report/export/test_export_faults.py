@@ -118,6 +118,7 @@ def test_the_same_result_gives_the_same_bytes(result: Path, tmp_path: Path) -> N
     assert written[0] == written[1] and len(written[0]) == 7
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("form", ["csv", "mat"])
 def test_a_file_of_many_groups_is_opened_no_more_often(
     result: Path, tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch

@@ -95,6 +95,7 @@ def test_files_are_what_they_say_small_and_with_their_fonts(written):
             assert b"<text" not in image and re.search(rb'width="(493|238)\.\d+pt"', image[:500])
 
 
+@pytest.mark.campaign
 @parametrize_first(1, "width", ["one", "two"])
 @parametrize_first(4, "name", VIRTUAL)
 def test_every_figure_says_virtual_and_nothing_is_cut(made_up, name, width):
@@ -130,6 +131,7 @@ def test_a_measured_table_is_not_called_virtual(tmp_path):
         assert not any("virtual" in text for text in texts(draw(name, result)))
 
 
+@pytest.mark.campaign
 def test_an_aborted_run_is_drawn_as_far_as_it_goes_and_says_so(tmp_path):
     result = read_result(write_result(tmp_path / "stopped.h5", stop=600))
     for name in VIRTUAL:
@@ -181,6 +183,7 @@ def test_bad_words_and_folders_are_one_sentence(made_up, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.campaign
 def test_a_result_that_cannot_be_read_leaves_no_figure_at_all(tmp_path, monkeypatch):
     monkeypatch.setattr(write, "FIGURES", {name: write.FIGURES[name] for name in ("profiles", "limits", "tracking")})
     path = write_result(tmp_path / "short.h5", n=300)

@@ -62,6 +62,7 @@ def test_parallel_coordinates_go_from_each_key_to_the_metric_and_unfinished_poin
     assert last == pytest.approx(np.array([[0, 1.0], [1, 0.0], [2, 1.0], [3, 1.0]]))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("width", "keys"), [("one", 3), ("one", 6), ("one", 12), ("two", 6), ("two", 12)])
 def test_no_text_of_parallel_coordinates_lies_on_another(width, keys):
     rng = np.random.default_rng(1)

@@ -221,6 +221,7 @@ def test_the_command_can_be_copied(text: str) -> None:
     assert [button["data-copy"] for button in found.all("button")] == codes and len(codes) == 2
 
 
+@pytest.mark.campaign
 def test_the_same_results_give_the_same_bytes(whole: Result, tmp_path: Path) -> None:
     first, second = tmp_path / "a.html", tmp_path / "b.html"
     write_page([whole], first, COMMAND)
@@ -362,6 +363,7 @@ def test_error_by_cause_is_shown_in_millimetres(tmp_path: Path) -> None:
     assert "coupling 3.000 6.000 1.000 2.000 2.000 4.000" in words
 
 
+@pytest.mark.campaign
 def test_nothing_is_left_where_the_page_cannot_be_written(whole: Result, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot write the page"):
         write_page([whole], tmp_path / "absent" / "page.html", COMMAND)

@@ -21,9 +21,11 @@ unit with a star is converted to [prototype scale](../background/similitude.md);
 or the loop, or is a ratio, and stays as it is. Where a metric has a better direction, the line ends with it; only those
 that are better when smaller are judged against a baseline.
 
-A metric may carry an interval, which holds the true value with a stated probability: the attributes `low`, `high` and
-`probability` of its dataset, `intervals` in JSON and in Python, three more columns in CSV, and `[low, high]` behind the
-number in texts. Metrics of the check carry one where the identified model has several samples.
+A metric may carry [an interval](../decisions/result_layout.md): `intervals` in JSON and in Python, three more columns in
+CSV, and `[low, high]` behind the number in texts.
+
+One value per tangent is one at rest, then one at each tangent of the laws or end of the specimen's range, an indication.
+The identified building has the declared computed storeys below the specimen as identified, or as found in the run.
 
 Suffixes: {kinds}. Without one: measured, in the test band.
 
@@ -31,6 +33,12 @@ Words in capitals stand for one of several names:
 
 {families}
 """
+SHORTER = {  # what the head tells once
+    ", at rest and at each tangent of the laws or end of the specimen's range, an indication": "",
+    "SIM of the declared computed storeys below the specimen as identified, or as found in the run": (
+        "SIM of the identified building"
+    ),
+}
 RUNS = {"shake_table": "shake-table test", "exp_rths": "EXP-RTHS"}
 LOOPS = {"check": "hybrid loop broken at the command", "feedback": "feedback on the table"}
 RESPONSES = {"sim_delay": "SIM-DELAY", "exp_rths": "EXP-RTHS", "sim": "SIM"}
@@ -51,7 +59,10 @@ def reference_page() -> str:
             group = one.group
             parts += ["", f"## {group}", ""]
         parts.append("; ".join([_line(one), *(words for base, words in beside.values() if base == one.path)]))
-    return "\n".join(parts) + "\n"
+    page = "\n".join(parts) + "\n"
+    for long, short in SHORTER.items():
+        page = page.replace(long, short)
+    return page
 
 
 def _told_families() -> Iterator[str]:

@@ -18,8 +18,8 @@ from 1.
 
 Behind the path stand the suffixes that it may have, its unit (none: a pure number) and what it has one value for. A
 unit with a star is converted to [prototype scale](../background/similitude.md); a metric without one belongs to the rig
-or the loop, or is a ratio, and stays as it is. Where a metric has a better direction, the line ends with it; only those
-that are better when smaller are judged against a baseline.
+or the loop, or is a ratio, and stays as it is. Where one is better when smaller, larger or near a value, the line says
+so; only those that are better when smaller are judged against a baseline.
 
 A metric may carry [an interval](../decisions/result_layout.md): `intervals` in JSON and in Python, three more columns in
 CSV, and `[low, high]` behind the number in texts.
@@ -141,5 +141,5 @@ def _line(one: Quantity) -> str:
     star = "*" if one.scales_as not in ("", "1") else ""
     unit = f"{one.units}{star}" if one.units != "1" else f"as {one.scales_as}{star}" if star else ""
     marks = "".join(f", {mark}" for mark in (unit, f"per {one.over}" if one.over else "") if mark)
-    better = "" if one.better == "none" else f"; better {one.better}"
+    better = "" if one.better == "none" else f"; {one.better}"
     return f"- `{one.path}`{kinds}{marks}: {one.text}{better}"

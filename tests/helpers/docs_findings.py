@@ -21,9 +21,9 @@ one that `explains` is a value of another. Below stands the usual severity, in J
 
 A name in code stands for the value of that name, in SI units, whatever unit the sentence prints: the name ends in the
 unit; without one it is a text, a ratio, a count, or in the `units` beside it. A text may be a code, for which the
-sentence has words. A number that is not finite is `null`. A part in brackets is left out where it does not apply; behind
-a bar stands what is said instead. What follows, and what to do, which a sentence says behind a semicolon, is left out
-here; `also` names values that stand there alone. Codes and names of values stay; sentences may change.
+sentence has words. A number that is not finite is `null`. A part in brackets is left out where it does not apply;
+behind a bar stands what is said instead. What follows, and what to do, which a sentence says behind a semicolon, is
+left out here; `also` names values that stand there alone. Codes and names of values stay; sentences may change.
 """
 GROUPS = {
     "assumption": "What the check assumes",

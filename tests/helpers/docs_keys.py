@@ -56,8 +56,8 @@ FILES = {
 HOW_TO_READ = (
     "This page is made by `python tests/helpers/docs_reference.py` from the models that check the files. Behind a key "
     "stand what it takes and its default, **required** where it must be stated; a key without them takes a mapping. "
-    "The unit of a number is the ending of its key. `(0, 1]` is a number above 0 and up to 1; `[0,` has no upper limit. "
-    "*As* another key: its meaning is told there."
+    "The unit of a number is the ending of its key. `(0, 1]` is a number above 0 and up to 1; `[0,` has no upper "
+    "limit. *As* another key: its meaning is told there."
 )
 LONGEST_REPEATED = 3  # words: a longer meaning is told at its first key
 READ_LIKE_CASES = "[Case files](case.md) says how the entries are to be read."

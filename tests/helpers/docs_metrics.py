@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from rths_cli.quantities import KINDS, Quantity, declared
@@ -21,11 +21,12 @@ unit with a star is converted to [prototype scale](../background/similitude.md);
 or the loop, or is a ratio, and stays as it is. Where one is better when smaller, larger or near a value, the line says
 so; only those that are better when smaller are judged against a baseline.
 
-A metric may carry [an interval](../decisions/result_layout.md): `intervals` in JSON and in Python, three more columns in
-CSV, and `[low, high]` behind the number in texts.
+A metric may carry [an interval](../decisions/result_layout.md): `intervals` in JSON and in Python, three more columns
+in CSV, and `[low, high]` behind the number in texts.
 
-One value per tangent is one at rest, then one at each tangent of the laws or end of the specimen's range, an indication.
-The identified building has the declared computed storeys below the specimen as identified, or as found in the run.
+One value per tangent is one at rest, then one at each tangent of the laws or end of the specimen's range, an
+indication. The identified building has the declared computed storeys below the specimen as identified, or as found in
+the run.
 
 Suffixes: {kinds}. Without one: measured, in the test band.
 
@@ -69,12 +70,16 @@ def _told_families() -> Iterator[str]:
     yield f"- `RUN`: {_names(RUNS)}"
     yield f"- `RESPONSE`: {_names(RESPONSES)}"
     yield f"- `LOOP`: {_names(LOOPS)}"
-    yield f"- `CAUSE` of check and budget: {_names({name: CAUSES[name] for name in BOTH})}"
-    yield f"- `CAUSE` of check alone: {_names(PREDICTED)}"
-    yield f"- `CAUSE` of budget alone: {_names({'model': CAUSES['model'], **MEASURED})}"
+    yield f"- `CAUSE` of check and budget ([meanings](../background/error_budget.md#causes)): {_listed(BOTH)}"
+    yield f"- `CAUSE` of check alone: {_listed(PREDICTED)}"
+    yield f"- `CAUSE` of budget alone: {_listed(['model', *MEASURED])}"
     yield f"- `PEAK`: {_names({name: text for name, (_, text) in REACH.items()})}"
     yield f"- `GUARDED`: {_names({name: text for name, (_, text) in GUARDED.items()})}"
     yield f"- `ITEM`: {_names(LATENCIES)}"
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
 
 
 def _names(names: Mapping[str, str]) -> str:

@@ -251,7 +251,7 @@ def test_every_metric_of_a_result_is_told_with_its_unit(files: dict[str, Any]) -
     paths = {path: line for path, line in told.items() if "." in path}
     names = {word: set(re.findall("`([a-z_0-9]+)` \\(", line)) for word, line in told.items() if word.isupper()}
     causes = [line for line in (FOLDER / "metrics.md").read_text().splitlines() if line.startswith("- `CAUSE`")]
-    names["CAUSE"] = set(re.findall("`([a-z_0-9]+)` \\(", " ".join(causes)))
+    names["CAUSE"] = set(re.findall("`([a-z_0-9]+)`", " ".join(causes)))
     pattern = {path: re.sub("[A-Z]+", lambda word: f"({'|'.join(names[word[0]])})", path) for path in paths}
     for method in ("best", "paper"):
         figures = {path: node for path, node in datasets(files[method]).items() if path.startswith("/metrics/")}

@@ -13,7 +13,7 @@ from rths_cli.cli import cli
 
 HEAD = """# Commands
 
-The commands and their options; `rths COMMAND --help` says what each option does, and so do the [how-to
+The commands and their options; `rths COMMAND --help` says what each argument and option does, and so do the [how-to
 pages](../index.md#how-to). Options of several commands stand at the end. [Exit codes](../decisions/commands.md) have
 one meaning each.
 """
@@ -56,11 +56,12 @@ def _command(name: str, command: click.Command, own: list[Row]) -> Iterator[str]
 
 
 def _told(command: click.Command) -> Iterator[str]:
-    """Yield the paragraphs of a command's help, its example as a block."""
-    for paragraph in inspect.cleandoc(command.help or "").split("\n\n"):
+    """Yield the first paragraph of a command's help, and its example as a block."""
+    for i, paragraph in enumerate(inspect.cleandoc(command.help or "").split("\n\n")):
         text = " ".join(paragraph.split())
         example = re.fullmatch(r"Example: (rths .*)", text)
-        yield f"```sh\n{example[1]}\n```" if example else text
+        if example or i == 0:
+            yield f"```sh\n{example[1]}\n```" if example else text
 
 
 def _option_rows(command: click.Command) -> Iterator[Row]:

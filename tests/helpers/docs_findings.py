@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from itertools import groupby
 
-from rths_cli.findings import ADVICE, SENTENCES, WORDS
+from rths_cli.findings import ADVICE, SENTENCES
 from rths_cli.findings.of_stop import FACTS, TOLD
 from rths_cli.findings.wording import SCALES
 
@@ -20,10 +20,10 @@ A finding `refuses` a run or a model, `warns` of what may make a result wrong, o
 one that `explains` is a value of another. Below stands the usual severity, in JSON that of the case at hand.
 
 A name in code stands for the value of that name, in SI units, whatever unit the sentence prints: the name ends in the
-unit; without one it is a text, a ratio, a count, or in the `units` beside it. A number that is not finite is `null`. A
-part in brackets is left out where it does not apply; behind a bar stands what is said instead. What to do, which
-refusals and warnings say behind a semicolon, is left out here; `also` names values that stand there alone. Codes and
-names of values stay; sentences may change.
+unit; without one it is a text, a ratio, a count, or in the `units` beside it. A text may be a code, for which the
+sentence has words. A number that is not finite is `null`. A part in brackets is left out where it does not apply;
+behind a bar stands what is said instead. What follows, and what to do, which a sentence says behind a semicolon, is
+left out here; `also` names values that stand there alone. Codes and names of values stay; sentences may change.
 """
 GROUPS = {
     "assumption": "What the check assumes",
@@ -65,11 +65,11 @@ FIELD = re.compile(r"\{(\w+)(?:!\w)?(?::([^}]*))?\}")
 
 
 def findings_page() -> str:
-    """Return the page as Markdown: a list per group of codes, then advice and words."""
+    """Return the page as Markdown: a list per group of codes, then the advice."""
     parts = [HEAD.rstrip()]
     for group, codes in groupby(sorted(SENTENCES), key=lambda code: code.partition(".")[0]):
         parts += ["", f"## {GROUPS[group]}", "", *(_line(code) for code in codes)]
-    parts += ["", "## Advice", "", _told(ADVICE), "", "## Words of values", "", _told(WORDS)]
+    parts += ["", "## Advice", "", _told(ADVICE)]
     return "\n".join(parts) + "\n"
 
 
@@ -84,7 +84,7 @@ def _line(code: str) -> str:
     sentence = SENTENCES[code]
     severity = "" if sentence.severity == "at" else f" ({sentence.severity})"
     text = sentence.text.removeprefix(TOLD).removesuffix(FACTS)
-    said = _before_advice(text) if sentence.severity in ("refuses", "warns") else text
+    said = _before_advice(text)
     also = sorted(_fields(text) - _fields(said))
     rest = f" (also {', '.join(f'`{name}`' for name in also)})" if also else ""
     return f"- `{code}`{severity}: {FIELD.sub(_shown, said)}{rest}"

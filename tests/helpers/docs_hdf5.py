@@ -85,7 +85,7 @@ def _model() -> Iterator[str]:
     yield _attributes(MODEL_ATTRIBUTES.values())
     yield "`METHOD` is best or paper, `RECORD` excitation, free_vibration or low_level, `CHANNEL` a channel's name."
     for group, members in groupby(declared, key=lambda one: one.group):
-        yield f"### `/{group}` of a model"
+        yield f"### `/{group}`"
         yield MODEL_GROUPS[group]
         yield _datasets(members, source, "")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import groupby
 from typing import Any
 
 from pydantic import BaseModel, TypeAdapter
@@ -55,8 +56,10 @@ FILES = {
 HOW_TO_READ = (
     "This page is made by `python tests/helpers/docs_reference.py` from the models that check the files. Behind a key "
     "stand what it takes and its default, **required** where it must be stated; a key without them takes a mapping. "
-    "The unit of a number is the ending of its key. `(0, 1]` is a number above 0 and up to 1; `[0,` has no upper limit."
+    "The unit of a number is the ending of its key. `(0, 1]` is a number above 0 and up to 1; `[0,` has no upper "
+    "limit. *As* another key: its meaning is told there."
 )
+LONGEST_REPEATED = 3  # words: a longer meaning is told at its first key
 READ_LIKE_CASES = "[Case files](case.md) says how the entries are to be read."
 RIGS: dict[str, type[BaseModel]] = {
     "virtual": VirtualRigSpec,
@@ -92,12 +95,15 @@ def _once(rows: Iterable[Row]) -> list[Row]:
 
 
 def _option_rows() -> Iterator[Row]:
-    """Yield a row per option of each compensator of rths."""
+    """Yield a row per set of compensators of rths that have the same options, all of these in it."""
+    kinds: dict[str, list[str]] = {}
     for kind in built_in_compensators():
         for name, option in definition_of(kind).options.items():
-            default = "" if option.default is None else f"default {option.default:g}"
-            limits = f"number [{option.least:g}, {option.most:g}]"
-            yield f"kind `{kind}`: `{name}`", limits, default, option.what
+            default = "" if option.default is None else f", default {option.default:g}"
+            told = f"`{name}` number [{option.least:g}, {option.most:g}]{default}: {option.what}"
+            kinds.setdefault(told, []).append(f"`{kind}`")
+    for held, options in groupby(sorted(kinds, key=lambda told: kinds[told]), key=lambda told: kinds[told]):
+        yield f"kind {', '.join(held)}", "", "", "; ".join(options)
 
 
 def law_page() -> str:
@@ -151,9 +157,20 @@ def study_page() -> str:
 def _page(name: str, tables: list[tuple[str, Iterable[Row]]]) -> str:
     title, about = FILES[name]
     parts = [f"# {title}", about, HOW_TO_READ if name == "case" else READ_LIKE_CASES]
+    first: dict[str, str] = {}
     for heading, rows in tables:
-        parts += [f"## {heading}", "\n".join(map(_line, rows))]
+        parts += [f"## {heading}", "\n".join(_line(_told_once(row, first)) for row in rows)]
     return "\n\n".join(parts) + "\n"
+
+
+def _told_once(row: Row, first: dict[str, str]) -> Row:
+    """Return a row that names the first key of the page with its meaning, where that has been told."""
+    key, value, default, meaning = row
+    earlier = first.get(meaning, "")
+    first.setdefault(meaning, key)
+    if not earlier or len(meaning.split()) <= LONGEST_REPEATED:
+        return row
+    return key, value, default, "as above" if earlier == key else f"as {earlier}"
 
 
 def _line(row: Row) -> str:

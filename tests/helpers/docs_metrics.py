@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from rths_cli.quantities import KINDS, Quantity, declared
@@ -18,12 +18,15 @@ from 1.
 
 Behind the path stand the suffixes that it may have, its unit (none: a pure number) and what it has one value for. A
 unit with a star is converted to [prototype scale](../background/similitude.md); a metric without one belongs to the rig
-or the loop, or is a ratio, and stays as it is. Where a metric has a better direction, the line ends with it; only those
-that are better when smaller are judged against a baseline.
+or the loop, or is a ratio, and stays as it is. Where one is better when smaller, larger or near a value, the line says
+so; only those that are better when smaller are judged against a baseline.
 
-A metric may carry an interval, which holds the true value with a stated probability: the attributes `low`, `high` and
-`probability` of its dataset, `intervals` in JSON and in Python, three more columns in CSV, and `[low, high]` behind the
-number in texts. Metrics of the check carry one where the identified model has several samples.
+A metric may carry [an interval](../decisions/result_layout.md): `intervals` in JSON and in Python, three more columns
+in CSV, and `[low, high]` behind the number in texts.
+
+One value per tangent is one at rest, then one at each tangent of the laws or end of the specimen's range, an
+indication. The identified building has the declared computed storeys below the specimen as identified, or as found in
+the run.
 
 Suffixes: {kinds}. Without one: measured, in the test band.
 
@@ -31,6 +34,12 @@ Words in capitals stand for one of several names:
 
 {families}
 """
+SHORTER = {  # what the head tells once
+    ", at rest and at each tangent of the laws or end of the specimen's range, an indication": "",
+    "SIM of the declared computed storeys below the specimen as identified, or as found in the run": (
+        "SIM of the identified building"
+    ),
+}
 RUNS = {"shake_table": "shake-table test", "exp_rths": "EXP-RTHS"}
 LOOPS = {"check": "hybrid loop broken at the command", "feedback": "feedback on the table"}
 RESPONSES = {"sim_delay": "SIM-DELAY", "exp_rths": "EXP-RTHS", "sim": "SIM"}
@@ -51,19 +60,26 @@ def reference_page() -> str:
             group = one.group
             parts += ["", f"## {group}", ""]
         parts.append("; ".join([_line(one), *(words for base, words in beside.values() if base == one.path)]))
-    return "\n".join(parts) + "\n"
+    page = "\n".join(parts) + "\n"
+    for long, short in SHORTER.items():
+        page = page.replace(long, short)
+    return page
 
 
 def _told_families() -> Iterator[str]:
     yield f"- `RUN`: {_names(RUNS)}"
     yield f"- `RESPONSE`: {_names(RESPONSES)}"
     yield f"- `LOOP`: {_names(LOOPS)}"
-    yield f"- `CAUSE` of check and budget: {_names({name: CAUSES[name] for name in BOTH})}"
-    yield f"- `CAUSE` of check alone: {_names(PREDICTED)}"
-    yield f"- `CAUSE` of budget alone: {_names({'model': CAUSES['model'], **MEASURED})}"
+    yield f"- `CAUSE` of check and budget ([meanings](../background/error_budget.md#causes)): {_listed(BOTH)}"
+    yield f"- `CAUSE` of check alone: {_listed(PREDICTED)}"
+    yield f"- `CAUSE` of budget alone: {_listed(['model', *MEASURED])}"
     yield f"- `PEAK`: {_names({name: text for name, (_, text) in REACH.items()})}"
     yield f"- `GUARDED`: {_names({name: text for name, (_, text) in GUARDED.items()})}"
     yield f"- `ITEM`: {_names(LATENCIES)}"
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
 
 
 def _names(names: Mapping[str, str]) -> str:
@@ -130,5 +146,5 @@ def _line(one: Quantity) -> str:
     star = "*" if one.scales_as not in ("", "1") else ""
     unit = f"{one.units}{star}" if one.units != "1" else f"as {one.scales_as}{star}" if star else ""
     marks = "".join(f", {mark}" for mark in (unit, f"per {one.over}" if one.over else "") if mark)
-    better = "" if one.better == "none" else f"; better {one.better}"
+    better = "" if one.better == "none" else f"; {one.better}"
     return f"- `{one.path}`{kinds}{marks}: {one.text}{better}"

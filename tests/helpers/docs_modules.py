@@ -1,4 +1,4 @@
-"""The map of the package in docs/reference/source_map.md, from the docstrings of its packages and names of its modules.
+"""The map of the package in docs/reference/source_map.md, from the docstrings of its packages.
 
 `python tests/helpers/docs_modules.py [PACKAGE ...]` prints it with what every module holds.
 """
@@ -21,7 +21,7 @@ ORDER = (
 
 
 def module_map(told: bool = False, among: Sequence[str] = ORDER) -> str:
-    """Return the packages from the highest layer to the lowest, each with its modules, `told` with what they hold."""
+    """Return the packages from the highest layer to the lowest, `told` with what each of their modules holds."""
     folders = [PACKAGE / name for name in among if (PACKAGE / name).is_dir()]
     parts = [part for folder in folders for part in _package(folder, told)]
     if among == ORDER:
@@ -44,11 +44,9 @@ def _package(folder: Path, told: bool) -> Iterator[str]:
 
 
 def _modules(folder: Path, told: bool) -> str:
-    """Return what follows a package: its modules by name, or a line for each with its first sentence."""
+    """Return what follows a package: nothing, or a line for each of its modules with its first sentence."""
     paths = [path for path in sorted(folder.glob("*.py")) if path.name != "__init__.py"]
-    if told:
-        return "".join(f"\n- `{path.stem}`: {_first_sentence(path)}" for path in paths)
-    return f".\n{', '.join(f'`{path.stem}`' for path in paths)}" if paths else ""
+    return "".join(f"\n- `{path.stem}`: {_first_sentence(path)}" for path in paths if told)
 
 
 def _first_sentence(path: Path) -> str:

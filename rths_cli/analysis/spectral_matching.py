@@ -20,7 +20,7 @@ from rths_cli.numerics.lti import Array
 PER_DECADE = 80  # periods that are matched
 LEAST_SAMPLES = 10  # of the matched motion in the shortest period
 MOST_VALUES = 20_000_000  # samples times periods: 160 MB in each of a few arrays
-MOST_STEPS, PATIENCE = 30, 4  # steps in all, and those that may pass without a better one
+MOST_STEPS, PATIENCE = 30, 6  # steps in all, and those that may pass without a better one
 CLOSE_ENOUGH = 0.03  # largest relative misfit at which the steps end
 NEAR_PEAK = 0.85  # of the largest response of an oscillator, above which a peak is watched
 LARGEST_CHANGE = 0.5  # of a target, that one step asks of a peak

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -224,7 +225,7 @@ def make_setup(
     shared = shared or SharedValues()
     case = _with_masses(case)
     motion, record_sha256, baseline, share, begins, done, wrong, written = shared.get(
-        "motion", motion_key(case), lambda: interruptible(lambda: _judged_motion(case))
+        "motion", motion_key(case), lambda: interruptible(lambda: _judged_motion(case, shared))
     )
     if begins and not case.record.keeps_baseline:
         raise InputError(placed(case, begins))
@@ -300,17 +301,17 @@ def _compensator(case: Case) -> Compensator | None:
 
 def ground_motion(case: Case) -> tuple[GroundMotion, str]:
     """Return the scaled, filtered record of a case and the hash of its file; raises InputError."""
-    record, _, _ = _record(case)
+    record, _, _ = _record(case, SharedValues())
     return _prepared(case, record), record.sha256
 
 
 def _judged_motion(
-    case: Case,
+    case: Case, shared: SharedValues
 ) -> tuple[GroundMotion, str, Finding | None, float, str, tuple[str, ...], tuple[Finding, ...], Array | None]:
     """Return what `ground_motion` does, a finding on the record's baseline, None without one, with its share of the
     displacement, a sentence on a motion that begins with a step, what was done to the record, its defects, and, where
     something was, the record as it is written at the samples of the motion, scaled alike."""
-    record, done, written = _record(case)
+    record, done, written = _record(case, shared)
     motion = _prepared(case, record)
     before = case.scaling * np.interp(
         motion.time_s, written.dt_s * np.arange(written.accel_m_s2.size), written.accel_m_s2
@@ -331,14 +332,21 @@ def _judged_motion(
     )
 
 
-def _record(case: Case) -> tuple[Accelerogram, tuple[str, ...], Accelerogram]:
+def _record(case: Case, shared: SharedValues) -> tuple[Accelerogram, tuple[str, ...], Accelerogram]:
     """Return the record of a case, treated as the case says and compressed by its scale, what was done to it, and the
     record as it is written, compressed alike."""
     asked = case.record
-    written = read_accelerogram(asked.path, asked.unit, asked.dt_s, asked.component)
-    record, done = treated(written, asked)
+
+    def read() -> tuple[Accelerogram, Accelerogram, tuple[str, ...]]:
+        found = read_accelerogram(asked.path, asked.unit, asked.dt_s, asked.component)
+        return (found, *treated(found, asked))
+
+    written, record, done = shared.get("record", asked.model_dump_json(exclude={"scale_to"}), read)
     if asked.scale_to is not None:
-        period_s = first_period_s(case) if asked.scale_to.measure == "sa_t1" else None
+        first = partial(first_period_s, case)
+        scale = None if case.scale is None else case.scale.model_dump_json()
+        of_building = (*building_key(case), scale)
+        period_s = shared.get("first period", of_building, first) if asked.scale_to.measure == "sa_t1" else None
         record, told = scaled_to(record, asked.scale_to, period_s)
         done = (*done, told)
     if case.scale is not None:

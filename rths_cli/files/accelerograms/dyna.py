@@ -32,8 +32,10 @@ def read(path: Path, lines: list[str]) -> list[Channel] | None:
     value, line = {}, {}
     for number, text in enumerate(lines[:_MOST_LINES], 1):
         match = _LINE.match(text)
-        if match is None:
+        if match is None and (value or text.strip()):
             break
+        if match is None:
+            continue  # a blank line above the header
         value[match[1]], line[match[1]] = match[2].strip(), number
     if not {"SAMPLING_INTERVAL_S", "NDATA"} & set(value):
         return None

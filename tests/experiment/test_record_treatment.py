@@ -67,6 +67,14 @@ def test_no_step_is_found_at_the_ends_of_clean_records(seed: int) -> None:
     assert end_steps(cut) == []
 
 
+def test_a_step_at_the_start_is_found_beside_stronger_jumps_of_the_motion() -> None:
+    noise = np.random.default_rng(3).normal(size=TIME_S.size) * np.exp(-(((TIME_S - 4.0) / 1.0) ** 2))
+    noise[TIME_S < 2.0] = 0.0
+    assert np.sort(np.abs(np.diff(noise[: noise.size // 4])))[-16] > 0.25
+    assert end_steps(noise + np.where(TIME_S < 1.5, 0.25, 0.0)) == [(pytest.approx(0.25), 0, 150)]
+    assert end_steps(noise) == []
+
+
 def test_a_word_is_short_for_what_it_removes(tmp_path: Path) -> None:
     short = load_case(case_of(tmp_path, motion(), baseline="linear")).record
     assert short == load_case(case_of(tmp_path, motion(), baseline={"remove": "linear"})).record

@@ -45,17 +45,24 @@ def asce7(periods_s: Array, sds_g: float, sd1_g: float, tl_s: float = 8.0) -> Ar
     return np.asarray(STANDARD_GRAVITY_M_S2 * shape)
 
 
-def compared_periods(low_s: float, high_s: float) -> Array:
+def compared_periods(low_s: float, high_s: float, per_decade: int = PER_DECADE) -> Array:
     """Return the periods (p,) in s at which spectra are compared, evenly spaced in their logarithms."""
-    return np.geomspace(low_s, high_s, max(int(PER_DECADE * np.log10(high_s / low_s)), 2) + 1)
+    return np.geomspace(low_s, high_s, max(int(per_decade * np.log10(high_s / low_s)), 2) + 1)
 
 
 def least_squares_factor(
     accel_m_s2: Array, dt_s: float, periods_s: Array, target_m_s2: Array, damping_ratio: float
-) -> tuple[float, float, float]:
+) -> float:
     """Return the factor on an acceleration (n,) that leaves the least squares between the logarithms of its spectrum
-    and of a target (p,), and the mean and largest relative misfit that remain."""
+    and of a target (p,)."""
     own = spectrum(accel_m_s2, dt_s, periods_s, damping_ratio).sa_m_s2
-    factor = float(np.exp(np.log(target_m_s2 / own).mean()))
-    misfit = np.abs(factor * own / target_m_s2 - 1.0)
-    return factor, float(misfit.mean()), float(misfit.max())
+    return float(np.exp(np.log(target_m_s2 / own).mean()))
+
+
+def misfit(
+    accel_m_s2: Array, dt_s: float, periods_s: Array, target_m_s2: Array, damping_ratio: float
+) -> tuple[float, float]:
+    """Return the mean and the largest relative misfit of an acceleration's (n,) spectrum to a target (p,)."""
+    own = spectrum(accel_m_s2, dt_s, periods_s, damping_ratio).sa_m_s2
+    found = np.abs(own / target_m_s2 - 1.0)
+    return float(found.mean()), float(found.max())

@@ -137,7 +137,7 @@ def spectrum(
         raise InputError("periods_s: every period must be a positive number of seconds")
     if not 0.0 <= damping_ratio < 1.0:
         raise InputError(f"damping_ratio: {damping_ratio:g} must be at least 0 and below 1")
-    sd = [_peak_displacement(accel_m_s2, dt_s, 2.0 * np.pi / period, damping_ratio) for period in periods]
+    sd = [_peak(displacement_history(accel_m_s2, dt_s, 2.0 * np.pi / p, damping_ratio)[0]) for p in periods]
     return Spectrum(periods, damping_ratio, np.array(sd))
 
 
@@ -148,8 +148,9 @@ def average_sa(accel_m_s2: Array, dt_s: float, period_s: float, damping_ratio: f
     return float(np.exp(np.log(np.maximum(found, np.finfo(float).tiny)).mean()))
 
 
-def _peak_displacement(accel_m_s2: Array, dt_s: float, omega: float, damping_ratio: float) -> float:
-    """Return max|u| in m of one oscillator with u = -Im(z) / w_d, dz = s z + a, s = -zeta w + i w_d."""
+def displacement_history(accel_m_s2: Array, dt_s: float, omega: float, damping_ratio: float) -> tuple[Array, float]:
+    """Return the relative displacement (m,) in m of one oscillator to an acceleration (n,), and its interval in s, at
+    most 1/100 of a period: u = -Im(z) / w_d, dz = s z + a, s = -zeta w + i w_d."""
     damped = omega * np.sqrt(1.0 - damping_ratio**2)
     wanted = int(np.ceil(STEPS_PER_PERIOD * omega * dt_s / (2.0 * np.pi)))
     parts = max(1, min(wanted, MOST_STEPS // accel_m_s2.size))
@@ -159,7 +160,7 @@ def _peak_displacement(accel_m_s2: Array, dt_s: float, omega: float, damping_rat
     first, second = _exponential_integrals(x)
     now, before = dt_s / parts * second, dt_s / parts * (first - second)
     _, imaginary = driven_modes(np.exp(x), now, before, accel)
-    return float(np.abs(imaginary).max() / damped)
+    return -imaginary[0] / damped, dt_s / parts
 
 
 def _exponential_integrals(x: complex) -> tuple[complex, complex]:

@@ -53,10 +53,15 @@ class ScaleToSpec(Strict):
     value: Annotated[float, Range(gt=0, le=1000)] | None = Field(
         default=None, description="of the measure: in m/s^2, of the Arias intensity in m/s"
     )
-    spectrum: Literal["ec8", "asce7"] | None = Field(
+    spectrum: Literal["ec8", "asce7"] | Path | None = Field(
         default=None,
-        description="instead of a measure, the elastic spectrum of Eurocode 8 (EN 1998-1, 3.2.2.2) or the design "
-        "spectrum of ASCE 7 (11.4); the factor leaves the least squares between the logarithms of both",
+        description="instead of a measure, the elastic spectrum of Eurocode 8 (ec8: EN 1998-1, 3.2.2.2), the design "
+        "spectrum of ASCE 7 (asce7: 11.4), or a file with the columns period_s and sa_g (or sa_m_s2)",
+    )
+    method: Literal["least_squares", "match"] = Field(
+        default="least_squares",
+        description="how a spectrum is reached. least_squares: by a factor, that of the least squares between the "
+        "logarithms of both; match: by the least motion added within the band of the periods",
     )
     period_s: (
         Annotated[
@@ -66,7 +71,7 @@ class ScaleToSpec(Strict):
         | None
     ) = Field(default=None, description="ends of the periods that count, of the record as it is written")
     damping: Annotated[float, Range(ge=0.005, le=0.3)] = Field(
-        default=0.05, description="damping ratio of the spectrum of ec8 and of the record's; asce7: 0.05 alone"
+        default=0.05, description="damping ratio of both spectra; asce7: 0.05 alone"
     )
     type: Literal[1, 2] = Field(default=1, description="type of the spectrum of ec8")
     ground: Literal["A", "B", "C", "D", "E"] | None = Field(default=None, description="ground type of ec8")
@@ -86,9 +91,12 @@ class ScaleToSpec(Strict):
             yield (), "needs one of measure (with value) and spectrum (with period_s)"
             return
         needed = ("value",) if data.get("measure") else ("period_s", *OF_CODE.get(str(data.get("spectrum")), ()))
+        named = data.get("measure") or Path(str(data.get("spectrum"))).name
         for key in needed:
             if data.get(key) is None:
-                yield (), f"needs {key} with {data.get('measure') or data.get('spectrum')}"
+                yield (), f"needs {key} with {named}"
+        if data.get("measure") and data.get("method") == "match":
+            yield ("method",), "belongs to a spectrum; a measure is reached by a factor"
         yield from _two_ends(data, "period_s", "periods in s", "[0.2, 2]")
         if data.get("spectrum") == "asce7" and data.get("damping", 0.05) != 0.05:
             yield ("damping",), "is 0.05 in the spectrum of asce7; leave it out"

@@ -18,6 +18,7 @@ from rths_cli.case.field_types import near
 from rths_cli.case.named_files import find, kind_of_tree, no_case
 from rths_cli.case.program_schema import ProgramSpec
 from rths_cli.case.real_rig_overrides import is_real, made_real, over_real_rig, set_inside
+from rths_cli.case.record_schema import OF_CODE
 from rths_cli.case.recorded_run_schema import RECORDED_RUNS
 from rths_cli.case.structure_schema import OF_MATRICES
 from rths_cli.case.yaml_reader import Fault, Mark, Node, Source, display, parse, plain, printable, read_file
@@ -239,6 +240,7 @@ def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:
     _expand_recorded(children, faults)
     _expand_real_rig(children, faults)
     _expand_file(children, ("record", "file"), "records", faults)
+    _expand_spectrum(children, faults)
     _expand_file(children, ("identification", "model"), None, faults)
     return replace(tree, value=children), faults, lost
 
@@ -381,8 +383,10 @@ def _expand_damping(children: dict[str, Node], faults: list[Fault], lost: set[st
         lost.add("damping")
 
 
-def _expand_file(children: dict[str, Node], keys: tuple[str, str], kind: str | None, faults: list[Fault]) -> None:
-    """Replace the file that stands at two keys by its absolute path."""
+def _expand_file(
+    children: dict[str, Node], keys: tuple[str, str], kind: str | None, faults: list[Fault], above: str = ""
+) -> None:
+    """Replace the file that stands at two keys by its absolute path; `above`: the keys above them, for messages."""
     parent = children.get(keys[0])
     node = parent.children.get(keys[1]) if parent else None
     if parent is None or node is None or not isinstance(node.value, str):
@@ -391,11 +395,23 @@ def _expand_file(children: dict[str, Node], keys: tuple[str, str], kind: str | N
     try:
         path = find(node.value, kind, source.folder, source.path) if kind else _plain_file(node.value, source.folder)
     except InputError as error:
-        faults.append(Fault(node.mark, keys[0] if node.mark == parent.mark else ".".join(keys), str(error)))
+        faults.append(Fault(node.mark, above + (keys[0] if node.mark == parent.mark else ".".join(keys)), str(error)))
         path = source.folder / "missing"
     children[keys[0]] = replace(
         parent, value={**parent.children, keys[1]: replace(node, value=Path(os.path.abspath(path)))}
     )
+
+
+def _expand_spectrum(children: dict[str, Node], faults: list[Fault]) -> None:
+    """Replace the file of a spectrum that a record is scaled to by its absolute path."""
+    record = children.get("record")
+    scale_to = record.children.get("scale_to") if record else None
+    named = scale_to.children.get("spectrum") if scale_to else None
+    if record is None or scale_to is None or named is None or str(named.value) in OF_CODE:
+        return
+    below = dict(record.children)
+    _expand_file(below, ("scale_to", "spectrum"), None, faults, "record.")
+    children["record"] = replace(record, value=below)
 
 
 def _expand_recorded(children: dict[str, Node], faults: list[Fault]) -> None:

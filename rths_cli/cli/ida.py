@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import (
-    FILE,
-    command_line,
-    force_option,
-    json_option,
-    no_replace_option,
-    overrides_option,
-    quiet_option,
-    settings_option,
-)
-from rths_cli.cli.sweep import engine_options, jobs_of
-from rths_cli.cli.terminal import new_screen, show_page
-from rths_cli.errors import InputError
+from rths_cli.cli.options import FILE
+from rths_cli.cli.sweep import TableOptions, engine_options, show_table, table_options
+from rths_cli.cli.terminal import new_screen
 
 
 @cli.command()
@@ -68,16 +59,7 @@ from rths_cli.errors import InputError
 @click.option("--output", type=FILE, metavar="FILE", help="Result file [default: sweeps/NAME-ida.h5].")
 @click.option("--csv", type=FILE, metavar="FILE", help="Write the table of all points as CSV too.")
 @click.option("--figures", type=FILE, metavar="DIR", help="Draw curves and fragility into a folder, as SVG.")
-@no_replace_option
-@force_option
-@click.option("--resume", is_flag=True, help="Go on with an interrupted analysis.")
-@overrides_option(
-    ["check", "model"],
-    "Run what the check refuses, or use a model that was rejected. Repeatable, stored in the result.",
-)
-@quiet_option
-@settings_option
-@json_option
+@table_options("analysis")
 def ida(
     case: str,
     records: str,
@@ -86,19 +68,11 @@ def ida(
     limits: tuple[str, ...],
     on: str,
     hunt: bool,
-    jobs: int | None,
-    engine: str,
-    scheduler: str,
-    output: Path | None,
-    csv: Path | None,
     figures: Path | None,
-    no_replace: bool,
-    force: bool,
-    resume: bool,
-    overrides: tuple[str, ...],
     quiet: bool,
     settings: tuple[str, ...],
     as_json: bool,
+    **options: Any,
 ) -> int:
     """Scale a set of records to levels of an intensity, run one case with each, and state the fragility.
 
@@ -110,53 +84,32 @@ def ida(
     Example: rths ida el_centro_low_ff_fb --records el_centro,hachinohe --limit drift_m=0.002 --on sim
     """
     from rths_cli.files.existing_files import Kind, check_existing
-    from rths_cli.studies.engines import Engine
     from rths_cli.studies.ida import AskedIda, plan_ida
     from rths_cli.studies.ida_curves import hunt as hunting
     from rths_cli.studies.study_plan import Asked
-    from rths_cli.studies.sweep import SweepRequest, run_sweep
+    from rths_cli.studies.sweep import run_sweep
     from rths_cli.studies.sweep_runs import Shared
 
-    if force and (no_replace or resume):
-        raise InputError("--force replaces a finished analysis; --no-replace and --resume do not: give one of them")
-    screen = new_screen(quiet)
-    chosen = tuple(dict.fromkeys(overrides))
+    given, screen = TableOptions(**options), new_screen(quiet)
+    of_all = given.request("analysis", Asked(case, settings, (), None), choose=hunting if hunt else None)
     with screen.reading("starting"):
         asked = AskedIda(case, records, measure, levels, limits, on, hunt, settings)
-        planned, every = plan_ida(asked, Shared(chosen, screen.doing))
-        request = SweepRequest(
-            asked=Asked(case, every, (), None),
-            output=output,
-            csv=csv,
-            engine=Engine(engine, jobs_of(jobs, engine), scheduler),
-            replace=not no_replace,
-            resume=resume,
-            command_line=command_line(),
-            overrides=chosen,
-            force=force,
-            planned=planned,
-            choose=hunting if hunt else None,
-        )
+        planned, every = plan_ida(asked, Shared(of_all.overrides, screen.doing))
+        request = replace(of_all, asked=Asked(case, every, (), None), planned=planned)
         if figures is not None:
-            stem = output.stem if output is not None else planned.name
+            stem = given.output.stem if given.output is not None else planned.name
             drawn = [(figures / f"{stem}-{name}.svg", Kind.DOCUMENT) for name in ("ida", "fragility")]
-            check_existing(drawn, not no_replace)
+            check_existing(drawn, not given.no_replace)
         swept = run_sweep(request, screen)
         if figures is not None:
             from rths_cli.report.figures import write_sweep_figures
 
             write_sweep_figures(
-                [(swept.path, swept.sweep)], figures, "svg", "two", screen.message, replace=not no_replace
+                [(swept.path, swept.sweep)], figures, "svg", "two", screen.message, replace=not given.no_replace
             )
     screen.clear()
     from rths_cli.report.ida_page import document, exit_code, sections, verdict
     from rths_cli.report.to_text import text
 
     code = exit_code(swept.sweep)
-    if as_json:
-        click.echo(json.dumps(document(swept.sweep, swept.path) | {"exit_code": code}, indent=2))
-    elif quiet:
-        click.echo(verdict(swept.sweep, swept.path))
-    else:
-        show_page(lambda: text(sections(swept.sweep, swept.path)))
-    return code
+    return show_table(swept, code, as_json, quiet, document, verdict, lambda: text(sections(swept.sweep, swept.path)))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -24,6 +26,10 @@ from rths_cli.cli.options import (
 )
 from rths_cli.cli.terminal import new_screen, show_page
 from rths_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from rths_cli.studies.study_plan import Asked
+    from rths_cli.studies.sweep import SweepRequest, Swept
 
 
 def threads() -> int:
@@ -61,6 +67,77 @@ def engine_options(command: F) -> F:
     return command
 
 
+def table_options(noun: str) -> Callable[[F], F]:
+    """Return what adds the options that every table of runs has; `noun` is what one is called in them."""
+
+    def add(command: F) -> F:
+        for option in (
+            json_option,
+            settings_option,
+            quiet_option,
+            overrides_option(
+                ["check", "model"],
+                "Run what the check refuses, or use a model that was rejected. Repeatable, stored in the result.",
+            ),
+            click.option("--resume", is_flag=True, help=f"Go on with an interrupted {noun}."),
+            force_option,
+            no_replace_option,
+        ):
+            command = option(command)
+        return command
+
+    return add
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """What the options of every table of runs say."""
+
+    jobs: int | None
+    engine: str
+    scheduler: str
+    output: Path | None
+    csv: Path | None
+    no_replace: bool
+    force: bool
+    resume: bool
+    overrides: tuple[str, ...]
+
+    def request(self, noun: str, asked: Asked, **more: Any) -> SweepRequest:
+        """Return the request of a table; raises InputError for options that contradict each other."""
+        from rths_cli.studies.engines import Engine
+        from rths_cli.studies.sweep import SweepRequest
+
+        if self.force and (self.no_replace or self.resume):
+            raise InputError(f"--force replaces a finished {noun}; --no-replace and --resume do not: give one of them")
+        return SweepRequest(
+            asked=asked,
+            output=self.output,
+            csv=self.csv,
+            engine=Engine(self.engine, jobs_of(self.jobs, self.engine), self.scheduler),
+            replace=not self.no_replace,
+            resume=self.resume,
+            command_line=command_line(),
+            overrides=tuple(dict.fromkeys(self.overrides)),
+            force=self.force,
+            **more,
+        )
+
+
+def show_table(
+    swept: Swept, code: int, as_json: bool, quiet: bool, document: Callable[..., dict[str, Any]],
+    verdict: Callable[..., str], page: Callable[[], str],
+) -> int:  # fmt: skip
+    """Print a table of runs as JSON, in a line or as a page; return its exit code."""
+    if as_json:
+        click.echo(json.dumps(document(swept.sweep, swept.path) | {"exit_code": code}, indent=2))
+    elif quiet:
+        click.echo(verdict(swept.sweep, swept.path))
+    else:
+        show_page(page)
+    return code
+
+
 class Part(click.ParamType):
     """One part of many: K/N, counted from 1."""
 
@@ -91,34 +168,17 @@ class Part(click.ParamType):
 @click.option("--output", type=FILE, metavar="FILE", help="Result file [default: sweeps/NAME.h5].")
 @click.option("--csv", type=FILE, metavar="FILE", help="Write the table as CSV too.")
 @methods_option("run both")
-@no_replace_option
-@force_option
-@click.option("--resume", is_flag=True, help="Go on with an interrupted sweep.")
-@overrides_option(
-    ["check", "model"],
-    "Run what the check refuses, or use a model that was rejected. Repeatable, stored in the result.",
-)
-@quiet_option
-@settings_option
-@json_option
+@table_options("sweep")
 def sweep(
     case: str,
     vary: tuple[str, ...],
     seeds: str | None,
-    jobs: int | None,
-    engine: str,
-    scheduler: str,
     part: tuple[int, int] | None,
-    output: Path | None,
-    csv: Path | None,
     methods: tuple[str, ...],
-    no_replace: bool,
-    force: bool,
-    resume: bool,
-    overrides: tuple[str, ...],
     quiet: bool,
     settings: tuple[str, ...],
     as_json: bool,
+    **options: Any,
 ) -> int:
     """Run EXP-RTHS of one case over varied keys and seeds on the virtual rig, and write one table of figures.
 
@@ -128,40 +188,21 @@ def sweep(
 
     Example: rths sweep el_centro_low_ff_fb --seeds 20 --vary scaling=0.2,0.3
     """
-    from rths_cli.studies.engines import Engine
     from rths_cli.studies.study_plan import Asked
-    from rths_cli.studies.sweep import SweepRequest, run_sweep
+    from rths_cli.studies.sweep import run_sweep
 
     chosen = tuple(dict.fromkeys(methods))
     varied = (f"method={','.join(chosen)}",) if len(chosen) > 1 else ()
     one = (f"method={chosen[0]}",) if len(chosen) == 1 else ()
-    if force and (no_replace or resume):
-        raise InputError("--force replaces a finished sweep; --no-replace and --resume do not: give one of them")
-    request = SweepRequest(
-        asked=Asked(case, (*settings, *one), (*varied, *vary), seeds),
-        output=output,
-        csv=csv,
-        engine=Engine(engine, jobs_of(jobs, engine), scheduler),
-        replace=not no_replace,
-        resume=resume,
-        command_line=command_line(),
-        overrides=tuple(dict.fromkeys(overrides)),
-        part=part,
-        force=force,
-    )
+    asked = Asked(case, (*settings, *one), (*varied, *vary), seeds)
+    request = TableOptions(**options).request("sweep", asked, part=part)
     screen = new_screen(quiet)
     with screen.reading("starting"):
         swept = run_sweep(request, screen)
     screen.clear()
     from rths_cli.report.sweep_page import document, page, verdict
 
-    if as_json:
-        click.echo(json.dumps(document(swept.sweep, swept.path) | {"exit_code": swept.exit_code}, indent=2))
-    elif quiet:
-        click.echo(verdict(swept.sweep, swept.path))
-    else:
-        show_page(lambda: page(swept.sweep, swept.path))
-    return swept.exit_code
+    return show_table(swept, swept.exit_code, as_json, quiet, document, verdict, lambda: page(swept.sweep, swept.path))
 
 
 @cli.command()

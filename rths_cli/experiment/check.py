@@ -451,6 +451,7 @@ class Judged:
     friction_v: float  # friction of the table as a command, as used in the prediction
     largest_scaling: float  # up to which the test is safe; 0 if no scaling makes it safe
     known: PredictionInputs | None  # inputs of the prediction; None for an unstable loop
+    predicted: Prediction | None = None  # what `predict` makes of them
     samples: tuple[Judged, ...] = ()  # the same of each sample of the identified model
     tangents: tuple[TangentVerdict, ...] = ()  # at rest and at the tangents of laws; none for a linear building
     simulated: Simulated | None = None  # the test of a building with laws; None: linear, or the loop is unstable
@@ -561,7 +562,8 @@ def _judge_one(
     uncertain = None if stable is None or not nominal else uncertain_of(setup, identified, known, stable, whole)
     sim_rms = rms(known.lines.evaluated(known.sim))
     return Judged(
-        verdict, own, looped, delayed, sim_rms, friction, largest, seen, (), tangents, simulated,
+        verdict, own, looped, delayed, sim_rms, friction, largest, seen,
+        None if seen is None else prediction, (), tangents, simulated,
         true, remedy, expected, replay, uncertain,
     )  # fmt: skip
 
@@ -797,12 +799,12 @@ def known_of(
 ) -> PredictionInputs:  # fmt: skip
     """Return the inputs of the error prediction; raises InputError if the identified building has no SIM."""
     dt, motion, specimen = setup.rig.dt_s, setup.motion, _specimen(identified)
-    building = as_identified(setup, specimen)
+    building, shared = as_identified(setup, specimen), shared or SharedValues()
     ring = RINGS * dt / -math.log(radius) if radius < 1.0 else LONGEST_S
     lines = lines_for(len(motion.time_s), dt, min(ring, LONGEST_S), lowest_reliable_hz(setup), setup.case.test_band_hz)
     asked = (motion_key(setup.case), content_key(building))
     try:
-        sim = (shared or SharedValues()).get(
+        sim = shared.get(
             "sim as identified", asked, lambda: reference_of(building).sim(building, dt, motion.accel_m_s2)
         )
     except InputError as error:
@@ -810,8 +812,13 @@ def known_of(
     ground = lines.of_motion(motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m)
     floors = specimen_state_space(specimen).response(lines.frequency_hz)[:, 0]
     interface = len(building.numerical.masses_kg) - 1
+    loop = shared.get(  # of every record of this length
+        "loop response",
+        content_key(rig, design.blocks, storeys, lines.z),
+        lambda: loop_response(rig, design.blocks, storeys, lines.z),
+    )
     return PredictionInputs(
-        loop=loop_response(rig, design.blocks, storeys, lines.z),
+        loop=loop,
         lines=lines,
         model=identified.best,
         measured=identified.frfs[0],

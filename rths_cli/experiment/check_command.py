@@ -73,7 +73,7 @@ from rths_cli.experiment.design import (
 )
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
-from rths_cli.experiment.one_table_run import TABLE_RUNS, drive_of
+from rths_cli.experiment.one_table_run import HYBRID_TEST, TABLE_RUNS, drive_of
 from rths_cli.experiment.planned_motion import guard_figures, guard_findings, planned_motion
 from rths_cli.experiment.run_metrics import lowest_reliable_hz, of_margins
 from rths_cli.experiment.session import wants_session_record
@@ -311,7 +311,7 @@ def choose_filter(
     """
     if not _samples_dominate(setup, judged) or judged.known is None:
         return design, judged
-    usual = predict(judged.known)
+    usual = judged.predicted or predict(judged.known)
     best, least = (design, judged), GAIN * _expected(setup, identified, design, judged, usual)
     for q, usual_hz in TRUSTING:
         spec = setup.case.kalman.model_copy(
@@ -327,7 +327,7 @@ def choose_filter(
             continue
         if _faults_at_ends(other, identified, made, shared, KNOWN_RANGE):
             continue
-        error = _expected(other, identified, made, found, predict(found.known))
+        error = _expected(other, identified, made, found, found.predicted or predict(found.known))
         if error < least:
             best, least = (made, found), error
     return best
@@ -338,7 +338,7 @@ def _samples_dominate(setup: Setup, judged: Judged) -> bool:
     and not negligible."""
     if not _leaves_choice(setup) or judged.known is None:
         return False
-    usual = predict(judged.known)
+    usual = judged.predicted or predict(judged.known)
     by_samples = np.hypot(usual.causes["noise"].storeys, usual.causes["quantisation"].storeys)
     mostly = by_samples > np.sqrt(0.5) * usual.total.storeys
     return bool(np.any(mostly & (by_samples > WORTH * judged.sim_rms_m_s2)))
@@ -568,7 +568,8 @@ def verdict_on(
     the building cannot be solved, only the reasons of the rejection are returned. The shake-table test of a case that
     has one is judged with the same design unless `table_test` is False. Doubts on units precede the reasons.
     """
-    found = _with_plans(setup, known, _judged(setup, known, hybrid, design, shared))
+    runs = tuple(kind for kind in TABLE_RUNS if kind.name in setup.case.runs and (table_test or kind is HYBRID_TEST))
+    found = _with_plans(setup, known, _judged(setup, known, hybrid, design, shared), runs)
     if found.design is not None and table_test and "shake_table" in setup.case.runs:
         blocks = found.design
         of_table = interruptible(lambda: judge_table_test(setup, known.found, blocks, shared))
@@ -581,16 +582,14 @@ def verdict_on(
     return replace(found, findings=(*unit_doubts(setup), *found.findings)) if found.findings else found
 
 
-def _with_plans(setup: Setup, known: IdentifiedModel, found: Verdict) -> Verdict:
-    """Return a verdict with what each run of the case needs of the table, and with the limits of its guard."""
+def _with_plans(setup: Setup, known: IdentifiedModel, found: Verdict, runs: Sequence[RunKind]) -> Verdict:
+    """Return a verdict with what each of these runs needs of the table, and with the limits of its guard."""
     if found.design is None:
         return found
     planned: dict[str, PlannedMotion] = {}
     said: list[Finding] = []
     figures = dict(found.figures)
-    for kind in TABLE_RUNS:
-        if kind.name not in setup.case.runs:
-            continue
+    for kind in runs:
         one = _plan(setup, known, found.design, kind)
         if one is not None:
             planned[kind.name] = one

@@ -24,7 +24,8 @@ POINTS = 256  # of a velocity in which a step is looked for
 EXPLAINED, EXPLAINED_BY_STEP = 0.65, 0.9  # share of the squared block means that is a baseline and no motion
 SIMPLER = 2.0  # times the residue of a richer baseline that a simpler one may leave and be preferred
 WORTH_SAYING = 0.1  # added displacement, over that of the motion without the baseline
-LEAST_QUIET, QUIET, MOST_JUMPS = 8, 0.25, 16  # samples of a quiet end; what moves there, over its step; steps tried
+LEAST_QUIET, QUIET = 8, 0.25  # samples of a quiet end; what moves there, over its step
+LEAST_JUMP = 1.5  # of a step, over any jump between samples of the quiet end: (1 - QUIET) / (2 QUIET)
 NO_MOTION = 1e-9  # of the peak before a baseline was removed
 KINDS = {"mean": "constant", "linear": "linear"}  # as scipy.signal.detrend names them
 Displacement = Callable[[Array], Array]
@@ -263,7 +264,9 @@ def end_steps(accel: Array) -> list[tuple[float, int, int]]:
 def _quiet_start(accel: Array) -> list[tuple[float, int]]:
     """Return the level and the length of a record's (n,) quiet start, [] without one."""
     jumps = np.abs(np.diff(accel[: accel.size // 4]))
-    for count in np.argsort(jumps)[::-1][:MOST_JUMPS] + 1:
+    before = np.concatenate([[0.0], np.maximum.accumulate(jumps)[:-1]])
+    least = np.maximum(LEAST_JUMP * before, FIRST_SHARE * (1.0 - QUIET) * _peak(accel))
+    for count in np.flatnonzero(jumps > least) + 1:  # a quiet start has none so large
         start, after = accel[:count], accel[count : count + LEAST_QUIET]
         if count < LEAST_QUIET:
             continue

@@ -73,14 +73,15 @@ def _clipped(accel: Array) -> Found:
 
 def _held(accel: Array) -> Found:
     """Yield the longest run of equal samples within the motion that a jump begins or ends; of zeros, which may be rest,
-    both."""
+    both. A run of three times as many far from zero needs no jump."""
     peak = float(np.abs(accel).max())
     moving = np.flatnonzero(np.abs(accel) > ENDS_AT * peak)
     for first, end in sorted(_runs(np.diff(accel) == 0.0), key=lambda run: run[0] - run[1]):
         jumps = [abs(accel[k + 1] - accel[k]) for k in (first - 1, end) if 0 <= k < accel.size - 1]
         within = moving[0] < first and end < moving[-1] and abs(accel[first]) < 0.999 * peak
         jump = max(jumps) if accel[first] else min(jumps)
-        if end - first + 1 >= LEAST_HELD and within and jump >= HELD_JUMP * peak:
+        long = end - first + 1 >= 3 * LEAST_HELD and abs(accel[first]) > ENDS_AT * peak
+        if end - first + 1 >= LEAST_HELD and within and (long or jump >= HELD_JUMP * peak):
             yield "record.held", int(first), {"count": int(end - first + 1), "accel_m_s2": float(accel[first])}
             return
 

@@ -46,7 +46,8 @@ if TYPE_CHECKING:
 
 def write_record(writer: ResultWriter, setup: Setup) -> None:
     """Write the scaled, filtered record."""
-    writer.group("record", {"ground_accel_m_s2": setup.motion.accel_m_s2}, time_s=setup.motion.time_s)
+    changed = {} if setup.as_written_m_s2 is None else {"as_written_accel_m_s2": setup.as_written_m_s2}
+    writer.group("record", {"ground_accel_m_s2": setup.motion.accel_m_s2, **changed}, time_s=setup.motion.time_s)
 
 
 def write_laboratory(writer: ResultWriter, setup: Setup) -> None:

@@ -484,7 +484,7 @@ def _simulations(
     shared = _for(setup, shared)
     progress("SIM")
     sim = interruptible(lambda: sim_of(setup, shared))
-    values: dict[str, ArrayLike] = {}
+    values: dict[str, ArrayLike] = dict(measures_of(setup, shared))
     if "sim" in case.runs:
         result_contents.write_response(writer, "sim", setup, sim)
         values["sim.solution_error"] = sim.error_estimate
@@ -528,6 +528,13 @@ def sim_of(setup: Setup, shared: SharedValues) -> Response:
     dt, ground = setup.rig.dt_s, setup.motion.accel_m_s2
     return _for(setup, shared).get(
         "sim", _of_sim(setup), lambda: reference_of(setup.building).sim(setup.building, dt, ground)
+    )
+
+
+def measures_of(setup: Setup, shared: SharedValues) -> Values:
+    """Return the intensity measures of the ground motion; cases with the same record and building compute them once."""
+    return _for(setup, shared).get(
+        "measures", _of_sim(setup), lambda: interruptible(lambda: run_metrics.of_ground(setup.motion, setup.building))
     )
 
 

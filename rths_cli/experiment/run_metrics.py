@@ -13,6 +13,7 @@ import numpy as np
 
 from rths_cli.analysis.error_attribution import Cause, causes_of
 from rths_cli.analysis.error_budget import Budget, Linear, Signals, split
+from rths_cli.analysis.intensity import average_sa, measures, spectrum
 from rths_cli.analysis.metrics import (
     best_lag_s,
     error_energy_j,
@@ -31,7 +32,7 @@ from rths_cli.analysis.structural_response import inter_storey_drift_m, peaks
 from rths_cli.loop.realtime_loop import IN_RUN
 from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.quantities import kinds_of
-from rths_cli.structure import storey_values
+from rths_cli.structure import modes, storey_values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.predicted_error import PredictionInputs
     from rths_cli.analysis.sim import Response
     from rths_cli.control.margins import Margins
+    from rths_cli.experiment.ground_motion import GroundMotion
     from rths_cli.experiment.run_signals import Series
     from rths_cli.experiment.setup import Setup
     from rths_cli.numerics.lti import Array
@@ -119,6 +121,16 @@ def budget_metrics(found: Budget) -> dict[str, ArrayLike]:
         values[f"budget.rms_error_{name}_m_s2"] = errors.storeys
         values[f"budget.tracking_rms_{name}_m_s2"] = errors.tracking
     return values
+
+
+def of_ground(motion: GroundMotion, building: Building) -> Values:
+    """Return the intensity measures of a ground motion as it is played, `ground.*`."""
+    accel, dt_s = motion.accel_m_s2, motion.dt_s
+    period_s = 1.0 / float(modes(building.M, building.C, building.K)[0][0])
+    at = spectrum(accel, dt_s, [period_s])
+    first = {"t1_s": period_s, "sa_t1_m_s2": at.sa_m_s2[0], "sv_t1_m_s": at.sv_m_s[0], "sd_t1_m": at.sd_m[0]}
+    averaged = {"sa_avg_m_s2": average_sa(accel, dt_s, period_s)}
+    return {f"ground.{name}": float(each) for name, each in (vars(measures(accel, dt_s)) | first | averaged).items()}
 
 
 def lowest_reliable_hz(setup: Setup) -> float:

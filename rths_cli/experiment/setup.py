@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -158,6 +159,7 @@ class Setup:
     baseline: Finding | None = None  # of the record: what it does and what mends it; None for a clean record
     baseline_share: float = 0.0  # ground displacement that the baseline adds, over that without it
     compensator: Compensator | None = None  # of a case whose controller is one
+    as_written_m_s2: Array | None = None  # (n,) the record neither changed nor filtered; None where it is not changed
     record_treatment: tuple[str, ...] = ()  # what was done to the record before it was scaled, in its order
     record_defects: tuple[Finding, ...] = ()  # of the record as it is played
     recorded: Mapping[str, RecordedRun] = field(default_factory=dict)  # runs made elsewhere, by name
@@ -222,8 +224,8 @@ def make_setup(
         raise InputError(*(placed(case, fault) for fault in faults))
     shared = shared or SharedValues()
     case = _with_masses(case)
-    motion, record_sha256, baseline, share, begins, done, wrong = shared.get(
-        "motion", motion_key(case), lambda: interruptible(lambda: _judged_motion(case))
+    motion, record_sha256, baseline, share, begins, done, wrong, written = shared.get(
+        "motion", motion_key(case), lambda: interruptible(lambda: _judged_motion(case, shared))
     )
     if begins and not case.record.keeps_baseline:
         raise InputError(placed(case, begins))
@@ -245,6 +247,7 @@ def make_setup(
     setup = Setup(
         case, motion, record_sha256, building, info, masses, overrides, dict(parts or {}), samples, baseline=baseline,
         baseline_share=share, compensator=compensator, record_treatment=done, record_defects=wrong,
+        as_written_m_s2=written,
     )  # fmt: skip
     return with_own_storeys(setup)
 
@@ -298,17 +301,21 @@ def _compensator(case: Case) -> Compensator | None:
 
 def ground_motion(case: Case) -> tuple[GroundMotion, str]:
     """Return the scaled, filtered record of a case and the hash of its file; raises InputError."""
-    record, _ = _record(case)
+    record, _, _ = _record(case, SharedValues())
     return _prepared(case, record), record.sha256
 
 
 def _judged_motion(
-    case: Case,
-) -> tuple[GroundMotion, str, Finding | None, float, str, tuple[str, ...], tuple[Finding, ...]]:
+    case: Case, shared: SharedValues
+) -> tuple[GroundMotion, str, Finding | None, float, str, tuple[str, ...], tuple[Finding, ...], Array | None]:
     """Return what `ground_motion` does, a finding on the record's baseline, None without one, with its share of the
-    displacement, a sentence on a motion that begins with a step, what was done to the record, and its defects."""
-    record, done = _record(case)
+    displacement, a sentence on a motion that begins with a step, what was done to the record, its defects, and, where
+    something was, the record as it is written at the samples of the motion, scaled alike."""
+    record, done, written = _record(case, shared)
     motion = _prepared(case, record)
+    before = case.scaling * np.interp(
+        motion.time_s, written.dt_s * np.arange(written.accel_m_s2.size), written.accel_m_s2
+    )
     found = baseline_of(record, lambda accel: _prepared(case, replace(record, accel_m_s2=accel)).displacement_m)
     named = case.record
     told = told_of(found, named.name, case.record_filter.corner_hz, named.path.name) if found else None
@@ -321,18 +328,30 @@ def _judged_motion(
         start_fault(motion, record, found, told),
         done,
         defects(record, named.name),
+        before if done else None,
     )
 
 
-def _record(case: Case) -> tuple[Accelerogram, tuple[str, ...]]:
-    """Return the record of a case, treated as the case says and compressed by its scale, and what was done to it."""
+def _record(case: Case, shared: SharedValues) -> tuple[Accelerogram, tuple[str, ...], Accelerogram]:
+    """Return the record of a case, treated as the case says and compressed by its scale, what was done to it, and the
+    record as it is written, compressed alike."""
     asked = case.record
-    record, done = treated(read_accelerogram(asked.path, asked.unit, asked.dt_s, asked.component), asked)
+
+    def read() -> tuple[Accelerogram, Accelerogram, tuple[str, ...]]:
+        found = read_accelerogram(asked.path, asked.unit, asked.dt_s, asked.component)
+        return (found, *treated(found, asked))
+
+    written, record, done = shared.get("record", asked.model_dump_json(exclude={"scale_to"}), read)
     if asked.scale_to is not None:
-        period_s = first_period_s(case) if asked.scale_to.measure == "sa_t1" else None
+        first = partial(first_period_s, case)
+        scale = None if case.scale is None else case.scale.model_dump_json()
+        of_building = (*building_key(case), scale)
+        period_s = shared.get("first period", of_building, first) if asked.scale_to.measure == "sa_t1" else None
         record, told = scaled_to(record, asked.scale_to, period_s)
         done = (*done, told)
-    return record if case.scale is None else compressed(record, similitude_of(case.scale)), done
+    if case.scale is not None:
+        record, written = (compressed(each, similitude_of(case.scale)) for each in (record, written))
+    return record, done, written
 
 
 def first_period_s(case: Case) -> float:

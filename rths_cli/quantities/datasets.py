@@ -135,6 +135,9 @@ def declared_datasets() -> Iterator[DatasetDeclaration]:
     yield DatasetDeclaration("case/resolved", "1", (), "computed", "case file with all defaults", "text")
     ground = "ground acceleration, scaled and filtered"
     yield DatasetDeclaration("record/ground_accel_m_s2", ACCEL, TIME, "computed", ground, essential=True)
+    written = "ground acceleration as its file has it, times the scaling: neither changed nor filtered"
+    changed = "only where the case changes the record"
+    yield DatasetDeclaration("record/as_written_accel_m_s2", ACCEL, TIME, "computed", written, present=changed)
     yield from _of_laboratory()
     yield from _of_session()
     yield from _of_solution()

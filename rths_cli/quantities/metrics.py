@@ -28,7 +28,7 @@ BENCHMARK = "Silva, Gomez, Maghareh, Dyke, Spencer, Mech. Syst. Signal Process. 
 PSI = "Maghareh, Dyke, Prakash, Bunting, Earthq. Eng. Struct. Dyn. 43 (2014) 2299"
 ENERGY = "Mosqueda, Stojadinovic, Mahin, J. Struct. Eng. 133 (2007) 1100"
 GROUPS = (
-    "shake_table", "exp_rths", "sim", "sim_delay", "budget", "check", "feedback", "controller", "latency",
+    "ground", "shake_table", "exp_rths", "sim", "sim_delay", "budget", "check", "feedback", "controller", "latency",
     "identification",
 )  # fmt: skip
 KINDS = {
@@ -94,9 +94,10 @@ LATENCIES = {
 def declared() -> Iterator[Quantity]:
     """Yield every metric in the order of the groups of a result, each with the suffixes it also has."""
     found = (
+        *_of_ground(),
         *_of_table(),
         *_of_losses(),
-        *_of_recordings(),
+        *_of_groundings(),
         *_of_response(),
         *_against_sim(),
         *_of_check(),
@@ -131,6 +132,29 @@ def metrics_of(*groups: str) -> dict[str, Quantity]:
     return {path: one for path, one in METRICS.items() if one.group in groups}
 
 
+def _of_ground() -> Iterator[Quantity]:
+    t1 = "at 5 % damping and the first period of the declared building"
+    for name, units, text, scales in (
+        ("pga_m_s2", ACCEL, "largest |acceleration|", ACCEL),
+        ("pgv_m_s", "m/s", "largest |velocity|", "m/s"),
+        ("pgd_m", "m", "largest |displacement|", "m"),
+        ("arias_m_s", "m/s", "Arias intensity", "m^2/s^3"),
+        ("cav_m_s", "m/s", "cumulative absolute velocity", "m/s"),
+        ("d5_75_s", "s", "time from 5 to 75 % of the Arias intensity", "s"),
+        ("d5_95_s", "s", "time from 5 to 95 % of the Arias intensity", "s"),
+        ("mean_period_s", "s", "mean period, of Fourier amplitudes at 0.25 to 20 Hz", ""),
+        ("housner_m", "m", "integral of the pseudo-velocity at 5 % damping over periods of 0.1 to 2.5 s", ""),
+        ("t1_s", "s", "first period of the declared building", "s"),
+        ("sa_t1_m_s2", ACCEL, f"pseudo-acceleration {t1}", ACCEL),
+        ("sv_t1_m_s", "m/s", f"pseudo-velocity {t1}", "m/s"),
+        ("sd_t1_m", "m", f"relative displacement {t1}", "m"),
+        ("sa_avg_m_s2", ACCEL, "geometric mean of the pseudo-acceleration at 0.2 to 3 times that period", ACCEL),
+    ):
+        yield Quantity(
+            f"ground.{name}", units, "", NONE, f"{text}, of the ground motion as it is played", scales_as=scales
+        )
+
+
 def _of_table() -> Iterator[Quantity]:
     error = "desired - measured table acceleration"
     for run in TABLE_RUNS:
@@ -155,7 +179,7 @@ def _of_table() -> Iterator[Quantity]:
         yield Quantity(f"{run}.j3", "1", "", LESS, largest, BANDS, BAND, BENCHMARK)
 
 
-def _of_recordings() -> Iterator[Quantity]:
+def _of_groundings() -> Iterator[Quantity]:
     """Yield how the recording of a run that was made elsewhere lies on the record."""
     only = "run made elsewhere only"
     for run in TABLE_RUNS:

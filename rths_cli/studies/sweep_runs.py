@@ -30,6 +30,7 @@ from rths_cli.experiment.provenance import model_sha256
 from rths_cli.experiment.run_case import (
     acceptance,
     change_of_residual_drift,
+    measures_of,
     response_metrics,
     sim_of,
     truth_of,
@@ -102,7 +103,8 @@ class Shared:
     ) -> None:
         """`metrics`: paths that are asked for beside those of every table; `sim_alone`: no run is played."""
         self._overrides, self._progress = overrides, progress
-        self._of_sim, self._sim_alone = any(path.startswith("sim.") for path in metrics), sim_alone
+        self._of_sim, self._of_ground = (any(path.startswith(f"{of}.") for path in metrics) for of in ("sim", "ground"))
+        self._sim_alone = sim_alone
         self._values = SharedValues()
 
     def setup(self, case: Case) -> Setup:
@@ -147,6 +149,8 @@ class Shared:
         figures = dict(checked.figures)
         if self._of_sim:
             figures |= response_metrics("sim", setup.building, sim_of(setup, values))
+        if self._of_ground:
+            figures |= measures_of(setup, values)
         if self._sim_alone:
             return Ready(setup, checked, "", figures=figures, sim_alone=True)
         unsafe = why_unsafe(setup, checked)

@@ -11,7 +11,7 @@ import numpy as np
 from rths_cli.case.field_types import near
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import NEEDED
-from rths_cli.quantities import METRICS, Quantity
+from rths_cli.quantities import METRICS, Quantity, metrics_of
 from rths_cli.quantities.sweep_datasets import TEXTS
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ RESPONSES = (
 )  # fmt: skip
 ON_REQUEST = (
     *(f"{run}.{name}" for run in ("sim", RUN) for name in RESPONSES), "sim.ductility", "sim.residual_drift_m",
+    *metrics_of("ground"),
 )  # fmt: skip
 """Metrics that a sweep computes where a study names them."""
 Column = Quantity

@@ -19,7 +19,9 @@ from rths_cli.analysis.intensity import (
     measures,
     spectrum,
 )
+from rths_cli.case.shipped_files import shipped
 from rths_cli.errors import InputError
+from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.numerics.lti import Array
 
 G, DT_S, AMPLITUDE, PULSE_S, REST_S = 9.80665, 0.01, 2.0, 2.0, 4.0
@@ -108,3 +110,23 @@ def test_impossible_oscillators_are_refused() -> None:
         spectrum(pulse(), DT_S, [0.0])
     with pytest.raises(InputError, match="damping_ratio: 1 must be"):
         spectrum(pulse(), DT_S, [1.0], 1.0)
+
+
+@pytest.mark.parametrize("program", ["eqsig", "pyrotd"])
+@pytest.mark.parametrize("name", ["el_centro", "hachinohe"])
+def test_spectra_agree_with_those_of_other_programs(program: str, name: str) -> None:
+    """Both are given the straight lines between the samples: pyrotd takes a sum of sines between what it is given."""
+    other = pytest.importorskip(program)
+    record = read_accelerogram(shipped("records") / f"{name}.csv")
+    accel, dt_s = record.accel_m_s2, record.dt_s
+    periods = np.array([0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0])  # at least 10 intervals
+    fine = np.interp(np.arange((accel.size - 1) * 8 + 1) / 8, np.arange(accel.size), accel)
+    if program == "eqsig":
+        signal = other.AccSignal(fine, dt_s / 8)
+        signal.generate_response_spectrum(response_times=periods, xi=0.05)
+        found = signal.s_a
+    else:
+        padded = np.concatenate([fine, np.zeros(fine.size)])  # its transform is circular
+        spectra = other.calc_spec_accels(dt_s / 8, padded / 9.80665, 1.0 / periods, 0.05)
+        found = 9.80665 * spectra.spec_accel
+    assert spectrum(accel, dt_s, periods, 0.05).sa_m_s2 == pytest.approx(found, rel=0.01)

@@ -63,6 +63,15 @@ def test_samples_that_were_held_are_found() -> None:
     assert (code, value) == ("record.held", accel[first]) and at_s == pytest.approx(first * DT_S)
 
 
+def test_a_crest_that_was_held_for_long_needs_no_jump() -> None:
+    time_s = np.arange(0.0, 20.0, DT_S)
+    accel = 2.0 * np.sin(2.0 * np.pi * 0.4 * time_s) * np.exp(-(((time_s - 9.0) / 4.0) ** 2))
+    crest = int(np.argmax(accel)) - 60
+    accel[crest : crest + 40] = accel[crest]
+    told = found(accel)
+    assert [code for code, *_ in told] == ["record.held"]
+
+
 def test_a_record_that_was_cut_within_its_motion_is_told() -> None:
     accel = motion()[: 100 + int(np.argmax(np.abs(motion())))]
     accel = accel[: int(np.flatnonzero(np.abs(accel) > 0.4)[-1]) + 1]

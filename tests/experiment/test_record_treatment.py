@@ -15,13 +15,16 @@ from scipy.signal import butter, lsim, sosfiltfilt
 from test_record_baseline import DT_S, LENGTH_S, PEAK_M_S2, TIME_S, case_of, load_case, motion, refusal_of, setup_of
 
 from rths_cli.analysis.intensity import integrate
-from rths_cli.case.record_schema import RecordSpec
+from rths_cli.case.load import load_cases, resolved_yaml
+from rths_cli.case.record_schema import RecordSpec, ScaleToSpec
+from rths_cli.case.shipped_files import shipped
 from rths_cli.errors import InputError
 from rths_cli.experiment.ground_motion import end_steps
 from rths_cli.experiment.provenance import attributes
+from rths_cli.experiment.record_scaling import scaled_to
 from rths_cli.experiment.record_treatment import treated
 from rths_cli.experiment.setup import Setup, make_setup, motion_key
-from rths_cli.files.accelerograms import Accelerogram
+from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
 from rths_cli.numerics.lti import Array
 
 DEFECTS: dict[str, tuple[Array, str, str]] = {  # what is added, what is told of it, what mends it
@@ -63,6 +66,14 @@ def test_no_step_is_found_at_the_ends_of_clean_records(seed: int) -> None:
     assert end_steps(motion(seed)) == []
     cut = motion(seed)[700:1500]  # begins and ends within its motion
     assert end_steps(cut) == []
+
+
+def test_a_step_at_the_start_is_found_beside_stronger_jumps_of_the_motion() -> None:
+    noise = np.random.default_rng(3).normal(size=TIME_S.size) * np.exp(-(((TIME_S - 4.0) / 1.0) ** 2))
+    noise[TIME_S < 2.0] = 0.0
+    assert np.sort(np.abs(np.diff(noise[: noise.size // 4])))[-16] > 0.25
+    assert end_steps(noise + np.where(TIME_S < 1.5, 0.25, 0.0)) == [(pytest.approx(0.25), 0, 150)]
+    assert end_steps(noise) == []
 
 
 def test_a_word_is_short_for_what_it_removes(tmp_path: Path) -> None:
@@ -219,6 +230,85 @@ def test_a_record_is_scaled_to_the_spectrum_of_a_code(tmp_path: Path) -> None:
     assert "to the spectrum of ec8 from 0.15 to 0.5 s (misfit " in told
 
 
+def test_a_record_is_scaled_to_the_spectrum_in_a_file(tmp_path: Path) -> None:
+    (tmp_path / "plateau.csv").write_text("# of the site\nPeriod (s);Sa (cm/s²)\n0;250,0\n0,1;300,0\n1;300,0\n")
+    of_file = scaled(tmp_path, {"spectrum": "plateau.csv", "period_s": [0.15, 0.5]})
+    of_code = scaled(tmp_path, {"spectrum": "ec8", "ground": "B", "ag_m_s2": 1.0, "period_s": [0.15, 0.5]})
+    assert of_file.motion.accel_m_s2 == pytest.approx(of_code.motion.accel_m_s2, rel=1e-9)  # 3 m/s^2 in both
+    assert "to the spectrum of plateau.csv from 0.15 to 0.5 s (misfit " in of_file.record_treatment[0]
+    again = load_cases([written(tmp_path, resolved_yaml(of_file.case))])[0]
+    assert motion_key(again) == motion_key(of_file.case)
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / "again.yaml").write_text(text)
+    return folder / "again.yaml"
+
+
+def test_a_matched_record_has_the_spectrum_asked_for_and_ends_at_rest(tmp_path: Path) -> None:
+    keys = {"spectrum": "ec8", "ground": "B", "ag_m_s2": 1.0, "period_s": [0.2, 0.8], "method": "match"}
+    found = scaled(tmp_path, {**keys, "damping": 0.03})
+    motion_of = found.motion
+    worst = 0.0
+    for period_s in (0.211, 0.305, 0.4444, 0.52, 0.613, 0.77):  # with scipy's lsim, none of them a matched period
+        w = 2.0 * np.pi / period_s
+        system = ([[0.0, 1.0], [-(w**2), -0.06 * w]], [[0.0], [-1.0]], [[w**2, 0.0]], [[0.0]])
+        wanted = 3.0 * np.sqrt(10.0 / 8.0) * min(1.0, 0.5 / period_s)
+        worst = max(worst, abs(np.abs(lsim(system, motion_of.accel_m_s2, motion_of.time_s)[1]).max() / wanted - 1.0))
+    assert worst <= 0.1
+    (told,) = found.record_treatment
+    mean, largest = (float(part.split("%")[0].split()[-1]) for part in told.split(" (misfit ")[1].split(", "))
+    assert mean <= 5.0 and worst * 100.0 <= largest + 0.5 and largest <= 10.0
+    assert abs(motion_of.velocity_m_s[-1]) <= 1e-6 * np.abs(motion_of.velocity_m_s).max()
+    stated_m = float(told.split("final displacement ")[1].split()[0])
+    assert motion_of.displacement_m[-1] == pytest.approx(stated_m, abs=1e-6)
+    whole = scaled(tmp_path, {**keys, "method": "least_squares"}).motion
+    assert np.abs(motion_of.accel_m_s2[: whole.time_s.size // 10]).max() < 0.05  # quiet where the record is
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("period_s,sa\n0.1,1\n1,1\n", "no column is an acceleration with a unit (period_s, sa)"),
+        ("sa_g,sd_m\n0.1,1\n1,1\n", "no column is a period"),
+        ("period_s,sa_g\n0.1,1\n0.1,1\n", "own_spectrum.csv:3: the period must be above the last"),
+        ("period_s,sa_g\n0.1,1\n0.5,-1\n", "own_spectrum.csv:3: the acceleration must be > 0"),
+        ("period_s,sa_g\n0.1,1\n0.5,500\n", "and <= 1000 m/s^2, got 0.5 s, 4903.32 m/s^2"),
+        ("period_s,sa_g\n0.2,1\n2,1\n", "0.15 to 0.5 s is beyond the periods of own_spectrum.csv, 0.2 to 2 s"),
+    ],
+)
+def test_a_spectrum_that_cannot_be_used_is_refused(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "own_spectrum.csv").write_text(text)
+    with pytest.raises(InputError) as caught:
+        scaled(tmp_path, {"spectrum": "own_spectrum.csv", "period_s": [0.15, 0.5]})
+    assert words in str(caught.value)
+
+
+def test_a_match_that_cannot_be_close_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "saw.csv").write_text("period_s,sa_g\n0.2,0.02\n0.21,0.6\n0.22,0.02\n0.23,0.6\n0.24,0.02\n")
+    with pytest.raises(InputError, match=r"the match leaves a misfit of .* at most 10 % is allowed"):
+        scaled(tmp_path, {"spectrum": "saw.csv", "period_s": [0.2, 0.24], "method": "match"})
+    keys = {"spectrum": "ec8", "ground": "B", "ag_m_s2": 1.0, "period_s": (0.2, 0.8), "method": "match"}
+    with pytest.raises(InputError, match=r"0.79 s is shorter than the longest of its periods"):
+        scaled_to(record(motion()[800:880]), ScaleToSpec.model_validate(keys), None)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", ["el_centro", "hachinohe", "1", "2", "3"])
+def test_five_records_are_matched_to_eurocode_8(name: str) -> None:
+    if name.isdecimal():
+        draw, time_s = np.random.default_rng(int(name)), np.arange(0.0, 20.0 + 5.0 * int(name), 0.01)
+        noise = draw.normal(size=time_s.size) * np.exp(-(((time_s - 8.0) / 4.0) ** 2))
+        own = record(sosfiltfilt(butter(2, [0.2, 20.0], "bandpass", fs=100, output="sos"), noise), 0.01)
+    else:
+        own = read_accelerogram(shipped("records") / f"{name}.csv")
+    keys = {"spectrum": "ec8", "ground": "B", "ag_m_s2": 2.0, "period_s": (0.05, 2.0), "method": "match"}
+    found, told = scaled_to(own, ScaleToSpec.model_validate(keys), None)
+    mean, largest = (float(part.split("%")[0].split()[-1]) for part in told.split(" (misfit ")[1].split(", "))
+    velocity, _ = integrate(found.accel_m_s2, found.dt_s)
+    assert mean <= 5.0 and largest <= 10.0 and abs(velocity[-1]) <= 1e-9
+
+
 def test_cases_that_differ_in_the_building_alone_share_no_motion_scaled_by_it(tmp_path: Path) -> None:
     path = case_of(tmp_path, motion(), scale_to={"measure": "sa_t1", "value": 3.0})
     masses = "structure.experimental.masses_kg"
@@ -232,6 +322,9 @@ def test_cases_that_differ_in_the_building_alone_share_no_motion_scaled_by_it(tm
         ({"value": 2.0}, "needs one of measure (with value) and spectrum (with period_s)"),
         ({"measure": "pga", "spectrum": "ec8"}, "needs one of measure (with value) and spectrum (with period_s)"),
         ({"measure": "pga"}, "needs value with pga"),
+        ({"measure": "pga", "value": 1.0, "method": "match"}, "belongs to a spectrum"),
+        ({"spectrum": "none.csv", "period_s": [0.1, 1.0]}, "no such file"),
+        ({"spectrum": 3, "period_s": [0.1, 1.0]}, "must be ec8 or asce7"),
         ({"spectrum": "ec8", "ground": "A", "period_s": [0.1, 1.0]}, "needs ag_m_s2 with ec8"),
         ({"spectrum": "asce7", "sds_g": 1.0, "sd1_g": 0.5}, "needs period_s with asce7"),
         ({"spectrum": "ec8", "ground": "A", "ag_m_s2": 1.0, "period_s": [1.0, 0.1]}, "the two ends of periods in s"),

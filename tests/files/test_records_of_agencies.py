@@ -5,8 +5,6 @@ Oracle: `make_record_examples` writes each layout from one invented motion and k
 
 from __future__ import annotations
 
-import random
-import re
 import struct
 from pathlib import Path
 
@@ -305,29 +303,3 @@ def test_obspy_reads_sac_and_miniseed_with_the_unit_that_the_case_states(tmp_pat
     struct.pack_into("<f", data, 4, -500.0)  # the least value that the header states
     (tmp_path / "a.SAC").write_bytes(data)
     assert "the header states a peak of 500 gal" in refusal(tmp_path / "a.SAC", unit="gal")
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("seed", range(4))
-def test_damaged_files_of_agencies_are_read_or_refused_in_sentences(tmp_path: Path, seed: int) -> None:
-    draw = random.Random(seed)
-    for _ in range(500):
-        source = draw.choice(sorted(FOLDER.iterdir()))
-        data, place = source.read_bytes(), draw.randrange(source.stat().st_size)
-        lines, row = data.split(b"\n"), draw.randrange(data.count(b"\n"))
-        digits = draw.choice(list(re.finditer(rb"\d+", data)) or [re.match(b"", data)])
-        number = str(draw.randrange(10 ** draw.randint(1, 12))).encode()
-        damaged = draw.choice([
-            data[:place], data[:place] + bytes([draw.randrange(256)]) + data[place + 1 :],
-            data[:place] + data[place + draw.randrange(200) :], b"\n".join(lines[:row] + lines[row + 1 :]),
-            b"\n".join([*lines[:row], draw.choice(lines), *lines[row:]]),
-            data[: digits.start()] + number + data[digits.end() :],  # type: ignore[union-attr]
-        ])  # fmt: skip
-        path = tmp_path / source.name
-        path.write_bytes(damaged)
-        try:
-            found = read_components(path, *(("g", 0.01) if source.suffix == ".g3" else ()))
-        except InputError as error:
-            assert error.faults and not any("\n" in fault for fault in error.faults)
-        else:
-            assert all(np.isfinite(one.accel_m_s2).all() and np.abs(one.accel_m_s2).max() <= 100.0 for one in found)

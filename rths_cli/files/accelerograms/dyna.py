@@ -29,11 +29,14 @@ _NEEDED = ("SAMPLING_INTERVAL_S", "NDATA", "UNITS")
 
 def read(path: Path, lines: list[str]) -> list[Channel] | None:
     """Return the record of a DYNA file, None for any other text; raises InputError."""
-    value, line = {}, {}
+    value: dict[str, str] = {}
+    line: dict[str, int] = {}
     for number, text in enumerate(lines[:_MOST_LINES], 1):
         match = _LINE.match(text)
-        if match is None:
+        if match is None and (value or text.strip()):
             break
+        if match is None:
+            continue  # a blank line above the header
         value[match[1]], line[match[1]] = match[2].strip(), number
     if not {"SAMPLING_INTERVAL_S", "NDATA"} & set(value):
         return None

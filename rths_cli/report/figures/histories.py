@@ -38,6 +38,22 @@ NEAR_S = 1.0  # how close the Kalman filter is looked at
 ERROR = f"error ({ERROR_UNITS})"
 DIFFERENCE = f"difference ({ERROR_UNITS})"
 FLOOR_MEASURED = Look("measured", SKY, "solid", 1.8, below=True)
+AS_WRITTEN = Look("as its file has it", SKY, "solid", 1.8, below=True)
+AS_PLAYED = Look("as it is played", VERMILLION, "solid", 0.8)
+MOTIONS = (
+    ("acceleration", ACCELERATION, 1.0), ("velocity", "velocity (m/s)", 1.0),
+    ("displacement", "displacement (mm)", MM_PER_M),
+)  # fmt: skip
+MEASURES = {  # name, metric, factor, units
+    "acceleration": (
+        ("PGA", "pga_m_s2", 1.0, "m/s²"), ("Arias", "arias_m_s", 1.0, "m/s"), ("D5-95", "d5_95_s", 1.0, "s"),
+        ("Sa(T1)", "sa_t1_m_s2", 1.0, "m/s²"),
+    ),
+    "velocity": (
+        ("PGV", "pgv_m_s", 1.0, "m/s"), ("CAV", "cav_m_s", 1.0, "m/s"), ("Housner", "housner_m", 1.0, "m"),
+    ),
+    "displacement": (("PGD", "pgd_m", MM_PER_M, "mm"), ("mean period", "mean_period_s", 1.0, "s")),
+}  # fmt: skip
 FILTERED_OUT = Look("measured − filtered", VERMILLION, "solid", 0.8)
 
 
@@ -96,6 +112,36 @@ def responses(source: Source, width: str) -> Figure:
         close = close_look(source, guide.time_s, guide.values)
         rows.append((whole, Panel(CLOSE, "", lines, close, reach=largest(*(values[close] for values in shown)))))
     return draw_rows(source, rows, width, left_out=left_out)
+
+
+def ground_motion(source: Source, width: str) -> Figure:
+    """Draw the ground motion as it is played, and where the case changes the record, as its file has it: acceleration,
+    velocity, displacement, with the intensity measures of what is played."""
+    from rths_cli.analysis.intensity import integrate
+
+    time = source.read("record/time_s")
+    dt_s = float(time[1] - time[0])
+    written = ("record/as_written_accel_m_s2",) if source.holds("record/as_written_accel_m_s2") else ()
+    motions = [(AS_WRITTEN, source.read(name)) for name in written] + [
+        (AS_PLAYED, source.read("record/ground_accel_m_s2"))
+    ]
+    series = [(look, (accel, *integrate(accel, dt_s))) for look, accel in motions]
+    rows = []
+    for place, (title, ylabel, factor) in enumerate(MOTIONS):
+        lines = tuple(Line(look, time, factor * each[place]) for look, each in series)
+        whole = Panel(title, ylabel, lines, note=_measures_note(source, title, 2 if width == "one" else 4))
+        rows.append((whole, Panel(CLOSE, "", lines, close_look(source, time, motions[-1][1]))))
+    treated = str(source.result.attributes.get("record_treatment") or "")
+    return draw_rows(source, rows, width, about=treated)
+
+
+def _measures_note(source: Source, title: str, most: int) -> str:
+    """Return at `most` so many measures of the motion that belong to a panel, "" where the result has none."""
+    told = []
+    for name, path, factor, units in MEASURES[title][:most]:
+        found = source.metric(f"ground.{path}")
+        told += [] if found is None else [f"{name} {three(factor * float(found[0]))} {units}".strip()]
+    return ", ".join(told)
 
 
 def errors(source: Source, width: str) -> Figure:

@@ -55,6 +55,7 @@ FIGURES: dict[str, Callable[[Source, str], Figure]] = {
     "error_budget": limit_bars.error_budget,
     "limits": limits,
     "timing": timing,
+    "ground_motion": histories.ground_motion,
 }
 
 

@@ -22,7 +22,7 @@ from rths_cli.report.figures import NotDrawn, draw, figure_names, write, write_f
 
 HERE = Path(__file__).parent
 VIRTUAL = [name for name in figure_names() if name != "timing"]  # what a run on a virtual table has
-OF_SIM = ["responses", "profiles", "hysteresis"]
+OF_SIM = ["responses", "profiles", "hysteresis", "ground_motion"]
 AGAIN = """
 import sys
 from pathlib import Path

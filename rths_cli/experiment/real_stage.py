@@ -100,11 +100,11 @@ class RealStage:
         ):
             if itself:
                 _agree(rig, setup, plan.design)
-                writer.about({"driver_verified": rig.info.driver_verified})
             self.told = told_building(rig, setup.building)
             performed = perform_watched(rig, ready, watch)
             counts, of_link = link_counts(rig), _about_link(rig)
         writer.resume()
+        writer.about({"driver_verified": rig.info.driver_verified})
         told = _told(performed, ready, stream) | of_link
         writer.about({f"{kind.name}_{key}": value for key, value in told.items()})
         if counts:

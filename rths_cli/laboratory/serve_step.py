@@ -22,6 +22,7 @@ from rths_cli.loop.realtime_run import STOP_KEY, Performance, is_over, order, pr
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.numerics.clock import require_real_time
 from rths_cli.numerics.lti import Array
+from rths_cli.rigs.description import capabilities_of
 from rths_cli.rigs.interface import Rig
 from rths_cli.rigs.stepped_test import Answer
 from rths_cli.rigs.udp.packets import END_STOP
@@ -85,6 +86,11 @@ def serve_step(request: StepRequest, say: Say) -> int:
 def rehearsed_step(request: StepRequest, say: Callable[[str], None]) -> tuple[DesignedStep, Rig]:
     """Return the designed step of a case and the virtual rig that it will move; raises InputError."""
     case = load_cases([request.case], request.settings)[0]
+    if not capabilities_of(case.table.kind).steps_itself:
+        raise InputError(
+            f"--case: the rig of case {case.name} is of kind {case.table.kind}; only one of kind target steps a test "
+            "itself (table: target_loopback)"
+        )
     step = designed_step(case, say)
     served: ServedRig = describe(
         request.rig, request.structure, (f"sample_rate_hz={case.sample_rate_hz:g}",), request.seed

@@ -254,7 +254,7 @@ CORTEX_M7 = ("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard")
 
 @pytest.mark.parametrize("words", [("clang", "-O2"), ("arm-none-eabi-gcc", "-O2", *CORTEX_M7)], ids=lambda one: one[0])
 def test_other_compilers_take_the_sources(tmp_path: Path, texts: dict[str, str], words: tuple[str, ...]) -> None:
-    """Clang's program agrees too; a Cortex-M7 computes doubles in hardware and calls nothing but functions of math.h."""
+    """Clang's program agrees too; a Cortex-M7 computes doubles in hardware and calls math.h alone."""
     if shutil.which(words[0]) is None:
         pytest.skip(f"no {words[0]} here")
     for name, text in texts.items():

@@ -21,6 +21,10 @@
 #define RANGE_V 10.0        /* of the output; converters.range_v of the rig file is not larger */
 #define FASTEST_V_S 130.0   /* the output moves no faster */
 #define MADE_UP_S 0.01      /* longest pause whose movement one command may make up for */
+#define COASTS_S 0.05       /* in which the output comes to a stand while no command comes */
+#ifndef INTERVAL_S
+#define INTERVAL_S 0.001    /* of the runner's clock; a clock of this target states its own */
+#endif
 #define REST_V_S 10.0       /* of the way to rest: from the whole range it takes 1 s */
 
 enum { ASK, BEGIN, COMMAND, REST };
@@ -31,8 +35,10 @@ struct target {
     int of_target;                      /* this target has the clock */
     uint32_t session, last, state, faults;
     uint32_t acting, waiting, instant;  /* numbers of the acting command, of one that waits, of the next instant */
-    double output_v, waiting_v;
-    double fed_s, moved_s;              /* when a command counted last, and when the output moved last */
+    double output_v, waiting_v, acting_v, step_v; /* step_v: by which the commands move in an interval */
+    double interval_s;
+    double fed_s, moved_s, latched_s;   /* when a command counted, the output moved, a command was put out last */
+    int late;                           /* intervals since then without a command */
     double samples_v[CHANNELS];
 };
 
@@ -72,10 +78,11 @@ static double within(double value, double limit)
     return value > limit ? limit : value < -limit ? -limit : value;
 }
 
-static void start(struct target *t, int of_target)
+static void start(struct target *t, double interval_s)
 {
     memset(t, 0, sizeof *t);
-    t->of_target = of_target;
+    t->of_target = interval_s > 0.0;
+    t->interval_s = t->of_target ? interval_s : INTERVAL_S;
     t->state = AT_REST;
 }
 
@@ -88,16 +95,33 @@ static void rest(struct target *t, uint32_t fault, double now_s)
     }
 }
 
-/* Put the waiting command out, no faster than the output may move. */
+/* Move the output to a voltage, no faster than it may move. */
+static void move(struct target *t, double volts, double now_s)
+{
+    t->output_v += within(volts - t->output_v, FASTEST_V_S * within(now_s - t->moved_s, MADE_UP_S));
+    t->moved_s = now_s;
+    write_command(t->output_v, now_s);
+}
+
+/* Put the waiting command out. */
 static void latch(struct target *t, double now_s)
 {
     if (t->waiting == 0 || t->state != RUNNING)
         return;
-    t->output_v += within(t->waiting_v - t->output_v, FASTEST_V_S * within(now_s - t->moved_s, MADE_UP_S));
+    t->step_v = (t->waiting_v - t->acting_v) / (double)(t->waiting - t->acting);
     t->acting = t->waiting;
+    t->acting_v = t->waiting_v;
     t->waiting = 0;
-    t->moved_s = now_s;
-    write_command(t->output_v, now_s);
+    t->latched_s = now_s;
+    t->late = 0;
+    move(t, t->acting_v, now_s);
+}
+
+/* While the next command is late, go on by the last step, evenly slower. */
+static void coast(struct target *t, double now_s)
+{
+    double most = COASTS_S / t->interval_s, late = ++t->late < most ? t->late : most;
+    move(t, within(t->acting_v + t->step_v * (late - late * late / (2.0 * most)), RANGE_V), now_s);
 }
 
 static void begin(struct target *t, uint32_t session, double now_s)
@@ -106,8 +130,9 @@ static void begin(struct target *t, uint32_t session, double now_s)
     t->state = RUNNING;
     t->faults &= ~(uint32_t)(WATCHDOG | BAD_COMMAND | RATE);
     t->last = t->acting = t->waiting = t->instant = 0;
-    t->output_v = 0.0;
-    t->fed_s = t->moved_s = now_s;
+    t->output_v = t->acting_v = t->step_v = 0.0;
+    t->late = 0;
+    t->fed_s = t->moved_s = t->latched_s = now_s;
 }
 
 /* Let a well-formed frame count. */
@@ -176,6 +201,8 @@ static size_t instant(struct target *t, double now_s, uint8_t out[SAMPLES_BYTES]
     read_samples(t->samples_v, now_s);
     size = frame_of(t, t->instant, t->acting, t->output_v, now_s, out);
     t->instant++;
+    if (t->state == RUNNING && t->waiting == 0 && t->acting > 0)
+        coast(t, now_s);
     latch(t, now_s);
     return size;
 }
@@ -185,6 +212,8 @@ static void watch(struct target *t, double now_s)
 {
     if (t->state == RUNNING && now_s - t->fed_s > WATCHDOG_S)
         rest(t, WATCHDOG, now_s);
+    if (t->state == RUNNING && !t->of_target && t->acting > 0 && now_s - t->latched_s >= (t->late + 1) * t->interval_s)
+        coast(t, now_s);
     if (t->state != RESTING)
         return;
     t->output_v -= within(t->output_v, REST_V_S * (now_s - t->moved_s));
@@ -274,7 +303,7 @@ int main(int words, char **word)
         fail("usage: plain_target OWN:PORT PEER:PORT runner|INTERVAL_S");
     double interval_s = strcmp(word[3], "runner") == 0 ? 0.0 : atof(word[3]);
     int door = cable(word[1], word[2]);
-    start(&t, interval_s > 0.0);
+    start(&t, interval_s);
     table.now_s = clock_s();
     for (double due_s = clock_s();;) {
         struct timespec longest = {.tv_nsec = 200000};

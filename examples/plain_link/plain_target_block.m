@@ -3,7 +3,8 @@ function [output_v, head, reals, samples_out] = plain_target_block(message_lengt
 % The numbers below are those of the rig file; change them there and here.
 INTERVAL_S = 0.001;
 TICKS = 4;
-own = struct('range_v', 10, 'fastest_v_s', 130, 'rest_v_s', 10, 'watchdog_s', 0.1);
+own = struct('range_v', 10, 'fastest_v_s', 130, 'rest_v_s', 10, 'watchdog_s', 0.1, ...
+             'coasts', round(0.05 / INTERVAL_S));
 persistent t tick
 if isempty(t)
     t = plain_target_start();

@@ -6,7 +6,8 @@ function [t, head, reals] = plain_target_step(t, arrived, head_in, reals_in, is_
 % head_in     its six whole numbers (magic, session, number, echo, order, faults), reals_in its two reals (time, command)
 % is_instant  true in the ticks at which samples are taken and the frame is sent
 % now_s       time of the tick, tick_s the interval of ticks, in s
-% own         range_v, fastest_v_s (the output moves no faster), rest_v_s (on the way to rest), watchdog_s
+% own         range_v, fastest_v_s (the output moves no faster), rest_v_s (on the way to rest), watchdog_s, and
+%             coasts, the instants in 0.05 s, over which the output comes to a stand while no command comes
 % head, reals six whole numbers and two reals of the frame to send, valid at an instant; put t.output_v out after that
 magic = 827543634;
 of_runner = 826495058;
@@ -26,13 +27,18 @@ reals = [now_s; t.output_v];
 if is_instant
     t.instant = t.instant + 1;
     if t.state == 1 && t.waiting > 0
+        t.step_v = (t.waiting_v - t.acting_v) / (t.waiting - t.acting);
         t.acting = t.waiting;
         t.acting_v = t.waiting_v;
         t.waiting = 0;
+        t.late = 0;
+    else
+        t.late = min(t.late + 1, own.coasts);
     end
 end
 if t.state == 1                        % towards the command, within the output's own limit
-    t.output_v = t.output_v + within(t.acting_v - t.output_v, own.fastest_v_s * tick_s);
+    aim_v = within(t.acting_v + t.step_v * (t.late - t.late ^ 2 / (2 * own.coasts)), own.range_v);
+    t.output_v = t.output_v + within(aim_v - t.output_v, own.fastest_v_s * tick_s);
 end
 if t.state == 2
     t.output_v = t.output_v - within(t.output_v, own.rest_v_s * tick_s);
@@ -51,6 +57,8 @@ if order == 1 && t.state == 3 && session == t.session + 1 && number == 0
     t.last = 0;
     t.acting = 0;
     t.acting_v = 0;
+    t.step_v = 0;
+    t.late = 0;
     t.waiting = 0;
     t.instant = 0;
     t.output_v = 0;

@@ -16,7 +16,8 @@ class Capabilities:
     specimen on the table is the one the case declares. `bridges_lost_samples`: the loop goes on by its model where a
     sample is lost. `takes_trajectories`: a command comes with those that follow, for the case that they do not arrive.
     `has_watchdog`: it leads its table to rest by itself when commands stop coming. `has_unproven_watchdog`: nothing but
-    a trial shows that it does (`rths doctor --watchdog`).
+    a trial shows that it does (`rths doctor --watchdog`). `steps_itself`: its own computer has the designed step and
+    takes no command from here.
     """
 
     moves_hardware: bool = True
@@ -27,6 +28,7 @@ class Capabilities:
     takes_trajectories: bool = False
     has_watchdog: bool = True
     has_unproven_watchdog: bool = False
+    steps_itself: bool = False
 
 
 DEFAULT_KIND = "virtual"  # of a rig file that states none
@@ -35,6 +37,7 @@ CAPABILITIES = {
     "ni": Capabilities(has_watchdog=False),
     "udp": Capabilities(bridges_lost_samples=True, takes_trajectories=True),
     "udp_plain": Capabilities(bridges_lost_samples=True, has_unproven_watchdog=True),
+    "target": Capabilities(bridges_lost_samples=True, steps_itself=True),
 }
 """Capabilities by the kind that a rig file or a result states; every other kind has those of a plain driver."""
 

@@ -373,7 +373,7 @@ class RealRigSpec(RigSpec):
         "physics": ONLY_VIRTUAL,
         "after_identification": ONLY_VIRTUAL,
         "udp": "belongs to kind: udp",
-        "link": "belongs to kind: udp_plain",
+        "link": "belongs to kind: udp_plain or target",
         "clock": "belongs to kind: udp_plain",
         "ni": "belongs to kind: ni",
         "options": "belongs to the kind of a plug-in",
@@ -530,9 +530,32 @@ class UdpPlainRigSpec(RealRigSpec):
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
         yield from super().problems(data)
-        if data.get("unattended") is True:
-            said = "must not be true on a plain link, whose frames carry no key: somebody stands beside the table"
-            yield ("unattended",), f"{said}; remove it, or use kind: udp"
+        yield from _attended(data)
+
+
+class TargetRigSpec(RealRigSpec):
+    """Hold a rig whose own computer steps a test that rths designed, and sends its log over a private cable."""
+
+    elsewhere: ClassVar[Mapping[str, str]] = {
+        **{key: said for key, said in RealRigSpec.elsewhere.items() if key != "link"},
+        "clock": "is the target's own, which steps the test; remove it",
+    }
+
+    kind: Literal["target"] = Field(description=KIND)
+    link: PlainLinkSpec = Field(description="the two ends of the cable")
+    watchdog_s: Watchdog = 0.5
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        yield from super().problems(data)
+        yield from _attended(data)
+
+
+def _attended(data: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield the fault of a rig on a plain link that may move with nobody asked."""
+    if data.get("unattended") is True:
+        said = "must not be true on a plain link, whose frames carry no key: somebody stands beside the table"
+        yield ("unattended",), f"{said}; remove it, or use kind: udp"
 
 
 class NiSpec(Strict):
@@ -592,6 +615,7 @@ KINDS: dict[str, type[RigSpec]] = {
     "virtual": VirtualRigSpec,
     "udp": UdpRigSpec,
     "udp_plain": UdpPlainRigSpec,
+    "target": TargetRigSpec,
     "ni": NiRigSpec,
 }
 
@@ -626,4 +650,6 @@ def kind_fault(kind: object) -> str:
     return ""
 
 
-AnyRig = Annotated[VirtualRigSpec | UdpRigSpec | UdpPlainRigSpec | NiRigSpec | PluginRigSpec, WrapValidator(read_rig)]
+AnyRig = Annotated[
+    VirtualRigSpec | UdpRigSpec | UdpPlainRigSpec | TargetRigSpec | NiRigSpec | PluginRigSpec, WrapValidator(read_rig)
+]

@@ -334,6 +334,15 @@ def _document(one: Recovered) -> dict[str, object]:
 )
 @click.option("--seconds", type=Number(min=0, min_open=True), metavar="S", help="End after so long.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the sensors' noise.")
+@click.option(
+    "--as",
+    "served_as",
+    type=click.Choice(["table", "target"]),
+    default="table",
+    show_default=True,
+    help="What is served: a table that takes commands, or a computer that steps --case itself (rigs of kind target).",
+)
+@click.option("--case", metavar="CASE", help="With --as target: the case whose step it runs.")
 @settings_option
 @json_option
 def serve(
@@ -348,6 +357,8 @@ def serve(
     watchdog_s: float,
     seconds: float | None,
     seed: int,
+    served_as: str,
+    case: str | None,
     settings: tuple[str, ...],
     as_json: bool,
 ) -> int:
@@ -362,6 +373,19 @@ def serve(
     from rths_cli.errors import InputError
     from rths_cli.laboratory.serve import ServeRequest, serve
 
+    if (served_as == "target") != (case is not None):
+        raise InputError("--as target and --case CASE belong together; give both, or leave both out")
+    if case is not None:
+        if clock or key_file or link == "plain":
+            raise InputError("--as target has the clock and its own link; leave --clock, --link and --key-file out")
+        from rths_cli.laboratory.serve_step import StepRequest, serve_step
+
+        ends = host, 47810 if port is None else port, peer or "127.0.0.1:47811"
+        wanted = StepRequest(case, rig, structure, max(watchdog_s, 0.5), seed, settings, *ends, seconds)
+        number = serve_step(wanted, new_screen(False).message if as_json else click.echo)
+        if as_json:
+            click.echo(json.dumps({"sessions": number}, indent=2))
+        return 0
     if link == "keyed" and (clock or peer):
         raise InputError("--clock and --peer belong to --link plain; add it, or leave them out")
     plain = (peer or "127.0.0.1:47811", clock != "runner") if link == "plain" else ("", False)

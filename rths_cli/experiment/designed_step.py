@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from rths_cli.identification.results import Identification
 
 
+NUMBER_DIGITS = 12  # hexadecimal digits of a checksum that a double holds
 REHEARSED = 1000  # instants of each rehearsal
 GROWS = 600  # instants over which the strongest part of the record begins
 
@@ -95,8 +96,18 @@ def designed_step(case: Case, progress: Progress) -> DesignedStep:
     return DesignedStep(
         case.name, setup.rig, blocks, plan.limits, plan.drive, (begin, strong),
         round(LISTENING_S / dt_s), round(BEFORE_S / dt_s), round(RAMP_UP_S / dt_s),
-        hashlib.sha256(resolved_yaml(case).encode()).hexdigest(), model_sha256(found.design.model), known.source,
+        case_sha256(case), model_sha256(found.design.model), known.source,
     )  # fmt: skip
+
+
+def case_sha256(case: Case) -> str:
+    """Return the checksum of all that a case states, by which a target knows it."""
+    return hashlib.sha256(resolved_yaml(case).encode()).hexdigest()
+
+
+def checksum_number(sha256: str) -> float:
+    """Return the first 48 bits of a checksum as a number that a double holds."""
+    return float(int(sha256[:NUMBER_DIGITS], 16))
 
 
 def _refuse_other_runs(setup: Setup) -> None:

@@ -149,6 +149,8 @@ class Memory:
         from rths_cli.experiment.model_verification import compared, low_level_record, read_with
         from rths_cli.experiment.session import change_shown, no_drift, session_key, wants_session_record, with_session
 
+        if setup.rig.can.steps_itself and isinstance(file, Stored):
+            return IdentifiedModel(file.found, f"{_named(file)}; its rig takes no command of an excitation")
         if not isinstance(file, Stored):
             measured = measure(setup, progress, self.plan(setup))
             found = evaluated(setup, measured, as_model(file, setup))

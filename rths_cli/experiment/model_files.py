@@ -23,6 +23,8 @@ from rths_cli.case.rig_schema import (
     CERTAIN,
     RealRigSpec,
     RigSpec,
+    TargetRigSpec,
+    UdpPlainRigSpec,
     UncertaintySpec,
     VirtualRigSpec,
     VirtualUncertaintySpec,
@@ -297,6 +299,8 @@ def load(path: Path, setup: Setup) -> Stored:
     wanted = identity(setup)
     if file.attributes.get("rig_sha256") == _hash(_identified_rig(_with_earlier_default(setup.case.table))):
         wanted["rig_sha256"] = str(file.attributes["rig_sha256"])
+    if isinstance(setup.case.table, TargetRigSpec) and file.attributes.get("rig_sha256") in _through_plain(setup):
+        wanted["rig_sha256"] = str(file.attributes["rig_sha256"])
     if faults := differences(file.attributes, wanted):
         raise InputError(*(f"{shown(path)}: {fault}" for fault in faults))
     try:
@@ -372,6 +376,14 @@ def _identified_rig(table: RigSpec) -> str:
     return table.model_dump_json(exclude={**beside, "channels": True})
 
 
+def _through_plain(setup: Setup) -> list[str]:
+    """Return the hashes of a rig that steps itself as it is identified: through the plain link, with either clock."""
+    table = setup.case.table
+    fields = {key: getattr(table, key) for key in type(table).model_fields if key != "kind"}
+    rigs = (UdpPlainRigSpec.model_construct(**fields, kind="udp_plain", clock=clock) for clock in ("runner", "target"))
+    return [_hash(_identified_rig(rig)) for rig in rigs]
+
+
 def _specimen_hash(setup: Setup) -> str:
     """Return the hash of the specimen: of its weighed masses, on a virtual rig also of stiffness and damping."""
     structure = setup.case.structure
@@ -387,7 +399,8 @@ def _hash(text: str) -> str:
 def differences(stated: Mapping[str, str | int | float], wanted: Mapping[str, str | int | float]) -> list[str]:
     """Return a sentence for each difference between a model file and a case that forbids its use."""
     faults = []
-    if capabilities_of(str(wanted["rig_kind"])).moves_hardware and _rig(stated) != _rig(wanted):
+    can = capabilities_of(str(wanted["rig_kind"]))  # a rig that steps itself is identified through another file
+    if can.moves_hardware and not can.steps_itself and _rig(stated) != _rig(wanted):
         name, kind = _rig(stated)
         return [
             f"identified on rig {name} of kind {kind}, the case's rig is {wanted['rig']} of kind {wanted['rig_kind']}; "

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 from rths_cli.case.load import resolved_yaml
 from rths_cli.experiment import real_rig_readiness
 from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.designed_step import case_sha256, checksum_number
 from rths_cli.experiment.one_table_run import AFTER_S, BEFORE_S, RunPlan
+from rths_cli.experiment.provenance import model_sha256
 from rths_cli.experiment.real_rig_readiness import open_rig
 from rths_cli.experiment.run_signals import as_stored
 from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path, still_in
@@ -19,13 +21,15 @@ from rths_cli.loop.guard import LOG_FAILED, WATCHER_FAILED
 from rths_cli.loop.live_view import View, Watching
 from rths_cli.loop.realtime_run import STOP_KEY, Performance, Performed, order, perform_watched, prepare
 from rths_cli.loop.run_log import LogStream, column_names, column_units, sizes_of
-from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.loop.step_arrays import NUMERICAL, assemble
 from rths_cli.quantities.datasets import LINK_COUNTS
 from rths_cli.rigs.from_case import told_building
-from rths_cli.rigs.interface import linked, name_session
+from rths_cli.rigs.interface import linked, name_session, stepped
+from rths_cli.rigs.stepped_test import Designed
 from rths_cli.rigs.udp.link import echoed_latency
 
 if TYPE_CHECKING:
+    from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_choice import Memory
     from rths_cli.experiment.setup import Progress, Setup
     from rths_cli.files.result_writer import ResultWriter
@@ -41,6 +45,12 @@ def ask_the_rig(setup: Setup, memory: Memory, progress: Progress) -> None:
     designed, the machine does not hold the rate, or a channel is not at rest; RigError if the rig is not available.
     """
     design = design_blocks(setup, memory.at_rest(setup, progress).found)
+    if setup.rig.can.steps_itself:
+        progress("the target, its case and its model")
+        rig = open_rig(setup, (), 0)
+        with real_rig_readiness.opened(rig):
+            _agree(rig, setup, design)
+        return
     progress("rehearsal of the rate, no rig")
     rig = open_rig(setup, (), 0)
     real_rig_readiness.check_rate(setup, rig, design.blocks, NUMERICAL)
@@ -67,8 +77,8 @@ class RealStage:
         rest or the raw log cannot be written, RigError if the rig is not available.
         """
         setup, kind = plan.setup, plan.kind
-        rig = open_rig(setup, (), 0)
-        zeros_v = real_rig_readiness.listened(setup, rig).zeros_v
+        rig, itself = open_rig(setup, (), 0), setup.rig.can.steps_itself
+        zeros_v = None if itself else real_rig_readiness.listened(setup, rig).zeros_v
         writer.about({"driver_verified": rig.info.driver_verified})  # known only after the rig was opened
         blocks, still_s = plan.design.blocks, (BEFORE_S, AFTER_S)
         ready = prepare(setup.rig, blocks, kind.source, plan.drive, plan.limits, zeros_v, still_s=still_s)
@@ -88,10 +98,13 @@ class RealStage:
             LogStream(log, ready.log.columns, ready.log.done, ready.course.orders) as stream,
             real_rig_readiness.opened(rig),
         ):
+            if itself:
+                _agree(rig, setup, plan.design)
             self.told = told_building(rig, setup.building)
             performed = perform_watched(rig, ready, watch)
             counts, of_link = link_counts(rig), _about_link(rig)
         writer.resume()
+        writer.about({"driver_verified": rig.info.driver_verified})
         told = _told(performed, ready, stream) | of_link
         writer.about({f"{kind.name}_{key}": value for key, value in told.items()})
         if counts:
@@ -107,6 +120,15 @@ class RealStage:
         """Close the raw logs; those that `written` did not remove are kept, except empty ones."""
         for log in self._logs:
             log.close()
+
+
+def _agree(rig: Rig, setup: Setup, design: Design) -> None:
+    """Raise RigError unless an open rig that steps itself holds the step of this case."""
+    there = stepped(rig)
+    assert there is not None
+    columns = len(column_names(sizes_of(assemble(design.blocks, NUMERICAL))))
+    case, model = checksum_number(case_sha256(setup.case)), checksum_number(model_sha256(design.model))
+    there.agree(Designed(case, model, columns))
 
 
 def link_counts(rig: Rig) -> dict[str, float]:

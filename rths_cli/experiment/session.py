@@ -24,9 +24,9 @@ MOST_ALIAS = 3.0  # times as much as any instant of sampling makes it
 
 
 def wants_session_record(setup: Setup) -> bool:
-    """Return whether a case's table runs begin with the record at low level."""
+    """Return whether a case's table runs begin with the record at low level; a rig that steps itself plays none."""
     asked = setup.case.session_record
-    return asked == "always" or (asked == "automatic" and setup.rig.calibrates)
+    return not setup.rig.can.steps_itself and (asked == "always" or (asked == "automatic" and setup.rig.calibrates))
 
 
 def session_key(setup: Setup) -> str:

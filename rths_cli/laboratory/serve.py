@@ -130,19 +130,9 @@ def _run(server: Server, seconds: float | None, say: Say) -> None:
 
 def _serve_plain(request: ServeRequest, rig: ServedRig, say: Say) -> list[SessionEnded]:
     """Serve at one end of a private cable; raises InputError for addresses that may not be one."""
-    host, _, port = request.plain_peer.rpartition(":")
-    ends = (("--host", request.host, "0"), ("--peer", host, port))
-    faults = [f"{option}: {fault}" for option, address, _ in ends if (fault := not_private(address))]
-    if not faults and is_loopback(host) != is_loopback(request.host):
-        faults.append(f"--peer: must be reached from --host {request.host}, got {host}: only one of them is loopback")
-    if not port.isdecimal() or not 1 <= int(port) <= 65535:
-        faults.append(f"--peer: must be ADDRESS:PORT, got {request.plain_peer!r}; give own_port of the rig file")
-    if request.key_file is not None:
-        faults.append("--key-file: frames of the plain link carry no key; leave it out")
-    if faults:
-        raise InputError(*faults)
+    there = end_of_cable(request.host, request.plain_peer, request.key_file)
     with bound(request.host, request.port) as link:
-        link.connect((host, int(port)))
+        link.connect(there)
         server = PlainServer(link, request.of_target, rig, round(1e9 * request.watchdog_s), say)
         server.start()
         clock = f"its own clock at {1.0 / rig.usual_dt_s:g} Hz" if request.of_target else "the runner's clock"
@@ -150,6 +140,23 @@ def _serve_plain(request: ServeRequest, rig: ServedRig, say: Say) -> list[Sessio
         say("warning: frames carry no key; whoever can send on this cable moves the table")
         _run(server, request.seconds, say)
     return server.ended
+
+
+def end_of_cable(here: str, peer: str, key_file: Path | None = None) -> tuple[str, int]:
+    """Return the other end of a private cable; raises InputError for addresses that may not be one."""
+    host, _, port = peer.rpartition(":")
+    faults = [
+        f"{option}: {fault}" for option, one in (("--host", here), ("--peer", host)) if (fault := not_private(one))
+    ]
+    if not faults and is_loopback(host) != is_loopback(here):
+        faults.append(f"--peer: must be reached from --host {here}, got {host}: only one of them is loopback")
+    if not port.isdecimal() or not 1 <= int(port) <= 65535:
+        faults.append(f"--peer: must be ADDRESS:PORT, got {peer!r}; give own_port of the rig file")
+    if key_file is not None:
+        faults.append("--key-file: frames of the plain link carry no key; leave it out")
+    if faults:
+        raise InputError(*faults)
+    return host, int(port)
 
 
 class Server:

@@ -48,7 +48,7 @@ from rths_cli.numerics.clock import SPIN_NS, IntArray, monotonic_ns
 from rths_cli.numerics.compiled import borrowed, entry, external, kept_part, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
-from rths_cli.rigs.udp.late_command_trajectory import POINTS
+from rths_cli.rigs.udp.late_command_trajectory import COASTS_S, POINTS, coast
 from rths_cli.rigs.udp.packets import get_real, get_small, put_bytes, put_real
 from rths_cli.rigs.udp.plain_frames import (
     ASK,
@@ -144,16 +144,19 @@ def obey_order(d: Door, p: Side, t: Table, order: int, number: int) -> None:
 
 @part
 def latch(d: Door, p: Side, t: Table, now: int) -> None:
-    """Put the waiting command out, no faster than the table's limit of velocity since the output moved last."""
+    """Put the waiting command out, no faster than the table's limit of velocity since the output moved last; while the
+    next one is late, the output goes on by its step."""
     s, marks = d.session, p.marks
     if marks[WAITING] == 0 or s[STATE] != packets.ARMED:
         return
-    held = t.latched_v[0]
+    held, before = t.latched_v[0], t.latched_v[1]
     ticks = min(s[TICK] - s[MOVED_TICK], MADE_UP * TICKS_PER_INTERVAL)
     most = t.limits.velocity_m_s / t.limits.gain_m_per_v * t.limits.dt_s * ticks
     t.way.volts[0], t.way.marks[POINTS] = held + within(p.waiting_v[0] - held, most), 0
+    step_v = (t.way.volts[0] - before) / (marks[WAITING] - marks[ACTING])
     marks[ACTING], marks[WAITING] = marks[WAITING], 0
     obey(d, t, now)
+    coast(t.way, step_v, max(round(1e9 * COASTS_S / d.interval_ns), 1))
 
 
 @part

@@ -49,7 +49,7 @@ from rths_cli.numerics.compiled import borrowed, entry, kept_part, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as udp
-from rths_cli.rigs.udp.late_command_trajectory import Way, place_after
+from rths_cli.rigs.udp.late_command_trajectory import COASTS_S, Way, coast, place_after
 
 IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of docs/decisions/safety.md; 0 idle, 1 armed
 HOLD, SKIP, STOP = range(3)  # after an overrun: the record waits, steps are caught up, the test stops
@@ -79,6 +79,7 @@ class Course(NamedTuple):
     foresight: Foresight  # prediction of the coming commands
     returning: Returning  # return of samples after a gap
     drift: Array  # (7,) return of the command after an outage, see bumpless_transfer.fresh_drift
+    coasts: int  # intervals over which a rig on a plain link comes to a stand while no command comes
     orders: IntArray  # orders[0]: 0 continue, else stop; written by other threads
     marks: IntArray  # (MARKS,)
     scratch: IntArray  # (2,)
@@ -93,7 +94,7 @@ def course(
     return Course(
         round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), still + round(ramp_s / info.dt_s), still, rest, record,
         info.limits.lost_samples, POLICIES[info.overrun], np.array([channel.sign for channel in info.all_channels]),
-        zeros_v, foresight, returning(info), fresh_drift(), orders,
+        zeros_v, foresight, returning(info), fresh_drift(), max(round(COASTS_S / info.dt_s), 1), orders,
         np.zeros(MARKS, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
@@ -251,6 +252,17 @@ def overrun(course: Course, g: GuardState, missed: int) -> int:
     return 0
 
 
+@part
+def lag(course: Course, g: GuardState, missed: int, before: int) -> int:
+    """Count the intervals by which the runner lags behind the frames of a target, and stop the test if they are too
+    many; return them. `before`: those at the exchange before. No sample is lost: the frames wait."""
+    marks = course.marks
+    marks[OVERRUNS] += max(missed - before, 0)
+    if missed > course.lost_samples:
+        take_over(g, OVERRUN, float(missed))
+    return missed
+
+
 @entry
 def run_udp(
     link: udp.Link, course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, sends: bool
@@ -261,11 +273,12 @@ def run_udp(
     has the clock, with its step 0. A command then leaves as soon as it is computed, before the target's next instant.
     """
     link, course, s, limits, g, drive, log = borrowed((link, course, s, limits, g, drive, log))
-    marks, behind, waited, k = course.marks, 0, 0, 0
+    marks, behind, waited, lagging, sent_k, k = course.marks, 0, 0, 0, 0, 0
     paced = sends and link.plain[udp.OF_TARGET] == 1  # its frames set the deadlines
+    catches_up = paced and course.policy == SKIP  # its frames wait for a runner that is late
     begun = link.status[udp.RECEIVED_NS] if paced else monotonic_ns(course.scratch)
     marks[START_NS] = begun + course.dt_ns
-    command = 0.0
+    command = sent_v = 0.0
     due, punctual = 0, course.dt_ns // 2 if link.plain[udp.PLAIN] == 1 else int(PUNCTUAL * course.dt_ns)
     while k < log.columns.shape[1] and not is_over(course, g):
         lost = 0
@@ -278,19 +291,29 @@ def run_udp(
             late = 0 if paced else sleep_until(deadline, course.spin_ns, course.scratch)
             note_exchange(log, k, late, 0)
             missed = too_late_for(course, due, punctual if course.policy == SKIP else course.dt_ns)
-            behind = overrun(course, g, missed) if missed > 0 else 0
+            if catches_up:
+                lagging = lag(course, g, missed, lagging)
+                deadline = max(deadline, monotonic_ns(course.scratch) - course.dt_ns // 2)
+            else:
+                behind = overrun(course, g, missed) if missed > 0 else 0
             if behind > 0:
                 continue  # the command is as old as the stall: it is not sent
             waited = 0
             command = leave(course, s, limits, log, link.way, command, k)
+            if link.plain[udp.PLAIN] == 1:
+                coast(link.way, (command - sent_v) / (k - sent_k), course.coasts)
+                sent_v, sent_k = command, k
             if sends:
                 lost = swap(link, course, g, log, deadline + late, late, command, k)
             if paced and lost == 0:
-                follow(course, link.status[udp.RECEIVED_NS] - deadline)
+                note_acted(s, log, k - 2, link.acted_v[0], lagging)
+                follow(course, link.status[udp.RECEIVED_NS] - deadline_of(course, due))
         log.done[0] = k  # from here on the commands sent for all earlier steps are known
         command = conduct(course, s, limits, g, drive, log, link.samples_v, lost, k)
         k += 1
-        if lost != CAUGHT_UP:
+        if catches_up:
+            behind = 0
+        elif lost != CAUGHT_UP:
             missed = too_late_for(course, due + 1, punctual if course.policy == SKIP else 0)
             behind = overrun(course, g, missed) if k > 1 else 0
         else:
@@ -308,6 +331,13 @@ def follow(course: Course, after_ns: int) -> None:
     No frame comes too early, so an early one counts at once, and a late one, which the machine may have held, slowly.
     """
     course.marks[START_NS] += min(after_ns, course.dt_ns // SLOWLY)
+
+
+@part
+def note_acted(s: Step, log: Log, k: int, acted_v: float, lagging: int) -> None:
+    """Log the command that acted in step k, as the target's frame tells it, where the runner lagged behind."""
+    if lagging > 0 and k >= 0:
+        log.columns[place_of_command(s, log), k] = acted_v
 
 
 @part
@@ -353,10 +383,16 @@ def swap(link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late
 
 
 @part
+def place_of_command(s: Step, log: Log) -> int:
+    """Return the row of a log that holds the (first) command."""
+    return log.truths + s.corrected.size + s.motion.size
+
+
+@part
 def note_command(s: Step, log: Log, k: int, command: float) -> None:
     """Log the command that was sent for the last step k instead of the computed one; its hold causes the alias."""
     s.sent[0, 0] = command
-    log.columns[log.truths + s.corrected.size + s.motion.size, k] = command
+    log.columns[place_of_command(s, log), k] = command
 
 
 @entry

@@ -6,6 +6,7 @@ import math
 import signal
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -27,6 +28,7 @@ from rths_cli.loop.guard import (
     OPERATOR,
     OVERRUN,
     RETURN_RATE,
+    RIG_FAULT,
     RUNNING,
     STOPPED,
     TERMINATION,
@@ -40,6 +42,7 @@ from rths_cli.loop.realtime_loop import (
     AT_REST,
     AT_REST_STEPS,
     HOLD,
+    IN_RAMP_DOWN,
     OVERRUN_IN_A_ROW,
     OVERRUNS,
     STOP,
@@ -56,10 +59,22 @@ from rths_cli.loop.stop_reasons import stop_of
 from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import BRAKE_SHARE
-from rths_cli.rigs.interface import LinkedRig, Rig, RigInfo, as_commands, linked, missed_intervals, truthful
+from rths_cli.rigs.interface import (
+    LinkedRig,
+    Rig,
+    RigInfo,
+    SteppedRig,
+    as_commands,
+    linked,
+    missed_intervals,
+    stepped,
+    truthful,
+)
 from rths_cli.rigs.udp import link as udp
+from rths_cli.rigs.udp.stepping_frames import WATCHDOG
 
 RAMP_UP_S = 1.0
+NOT_AT_REST = {100: "its mean is", 101: "its noise is"}  # reasons of a step that was armed (rths_step.h)
 RETURN_DECAYS = 16.0  # time constants of the return to zero until a micrometre is left
 
 
@@ -125,7 +140,9 @@ def perform(rig: Rig, run: Performance) -> str:
     """
     fault, unrest = "", ""
     try:
-        there = linked(rig)
+        there, itself = linked(rig), stepped(rig)
+        if itself is not None:
+            return _followed(itself, run)
         fault = _perform_linked(there, run) if there is not None else _perform_exchanging(rig, run)
     except RigError as error:
         fault = str(error)
@@ -153,6 +170,54 @@ def _perform_linked(rig: LinkedRig, run: Performance) -> str:
     return rig.fault()
 
 
+FOLLOW_S = 5e-3  # between two questions for rows that are not made yet
+
+
+def _followed(rig: SteppedRig, run: Performance) -> str:
+    """Have a rig's own computer play a run, and take its log as it is made; return what is lost of it, "" if nothing.
+
+    The reason of the end is the rig's, or RIG_FAULT where it fell silent. Raises RigError for a silent rig.
+    """
+    course, columns, flags, done, gaps = run.course, run.log.columns, run.guard.flags, 0, []
+    try:
+        rig.begin(run.drive[course.ramp : course.ramp + course.record])
+        while True:
+            told = rig.fetch(done, bool(course.orders[0]))
+            rows = told.rows[: columns.shape[1] - told.first]
+            if told.first > done and len(rows):
+                gaps.append(f"steps {done} to {told.first - 1} of its log are lost: they were not fetched in time")
+            if len(rows):
+                columns[:, told.first : told.first + len(rows)] = rows.T
+                done = run.log.done[0] = told.first + len(rows)
+            elif told.state == AT_REST and done >= min(told.made, columns.shape[1]):
+                break
+            else:
+                time.sleep(FOLLOW_S)
+    except RigError as error:
+        flags[:4] = STOPPED, RIG_FAULT, NO_CHANNEL, done
+        raise RigError(f"{error}; the first {done} steps of its log were stored") from None
+    still = signals(run.log, sizes_of(run.step))
+    rest_v = np.concatenate([still.samples_v[:, : course.still], still.further_v[:, : course.still]])
+    if done > course.still:
+        course.zeros_v[:] = rest_v.mean(axis=1)
+    ending = np.flatnonzero(still.state[:done] >= IN_RAMP_DOWN)
+    flags[:4] = STOPPED, told.reason, told.channel, ending[0] if ending.size else done
+    run.guard.seen[0] = told.seen
+    if told.reason == OPERATOR and course.orders[0]:
+        flags[1] = OPERATOR + course.orders[0] - 1
+    if told.reason in NOT_AT_REST:
+        channel = run.info.all_channels[min(max(told.channel, 0), len(run.info.all_channels) - 1)].name
+        flags[1] = RIG_FAULT
+        gaps.append(f"channel {channel} does not rest: {NOT_AT_REST[told.reason]} {told.seen:.3g} V; nothing moved")
+    elif told.faults:
+        flags[1] = RIG_FAULT
+        silent = f"it heard nothing of this host for {rig.watchdog_s:g} s and led its table to rest"
+        gaps.append(silent if told.faults == WATCHDOG else f"fault {told.faults}")
+    elif gaps:
+        flags[1] = RIG_FAULT
+    return f"rig {run.info.name}: {'; '.join(gaps)}" if gaps else ""
+
+
 def _perform_exchanging(rig: Rig, run: Performance) -> str:
     """Play through `exchange`, one call per step, at the rate of the rig's own clock."""
     samples = rig.arm()
@@ -161,7 +226,7 @@ def _perform_exchanging(rig: Rig, run: Performance) -> str:
         _begin_truth(run)
     given, missed = np.array(samples, dtype=float), 0
     once = conduct_once.bind(run.course, run.step, run.limits, run.guard, run.drive, run.log, given)
-    while run.log.done[0] < run.log.columns.shape[1] and not _is_over(run):
+    while run.log.done[0] < run.log.columns.shape[1] and not is_over(run):
         given[:] = samples
         once()
         samples = rig.exchange(as_commands(run.step.command))
@@ -189,7 +254,7 @@ def _note_truth(run: Performance, velocity_m_s: Array, place_m: float) -> None:
     run.truth["true_displacement_m"][k : k + 1] = place_m
 
 
-def _is_over(run: Performance) -> bool:
+def is_over(run: Performance) -> bool:
     """Return whether a run has ended, as `realtime_loop.is_over` does."""
     marks, flags = run.course.marks, run.guard.flags
     if flags[0] != STOPPED:

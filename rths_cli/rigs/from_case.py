@@ -18,6 +18,7 @@ from rths_cli.case.rig_schema import (
     PluginRigSpec,
     RealRigSpec,
     SensorsSpec,
+    TargetRigSpec,
     UdpPlainRigSpec,
     UdpRigSpec,
     VirtualRigSpec,
@@ -33,11 +34,11 @@ from rths_cli.structure.storey_laws import stacked
 if TYPE_CHECKING:
     from rths_cli.case.calibration_schema import CalibratedMass, CalibrationSpec
     from rths_cli.case.case_schema import Case
-    from rths_cli.case.rig_schema import LimitsSpec, RealSensorsSpec, RigSpec
+    from rths_cli.case.rig_schema import LimitsSpec, PlainLinkSpec, RealSensorsSpec, RigSpec
     from rths_cli.numerics.lti import Array
     from rths_cli.rigs.interface import Rig
     from rths_cli.rigs.ni.ni_rig import NiRig
-    from rths_cli.rigs.udp.plain_rig import PlainRig
+    from rths_cli.rigs.udp.plain_rig import Cable, PlainRig
     from rths_cli.rigs.udp.udp_rig import UdpRig
     from rths_cli.rigs.virtual.laboratory import Laboratory
     from rths_cli.rigs.virtual.virtual_rig import VirtualRig
@@ -263,14 +264,14 @@ def _or_none(limit: float | None) -> float:
 
 def _watchdog_s(real: RealRigSpec | None) -> float:
     """Return after which silence the rig rests its table by itself, 0 for a card without watchdog."""
-    if isinstance(real, UdpRigSpec | UdpPlainRigSpec | PluginRigSpec):
+    if isinstance(real, UdpRigSpec | UdpPlainRigSpec | TargetRigSpec | PluginRigSpec):
         return real.watchdog_s
     return RigInfo.watchdog_s if real is None else 0.0
 
 
 def _driver_verified(real: RealRigSpec | None) -> str:
     """Return what the address of a target lets expect behind its driver; other drivers know once they are open."""
-    if isinstance(real, UdpPlainRigSpec):
+    if isinstance(real, UdpPlainRigSpec | TargetRigSpec):
         return "loopback" if is_loopback(real.link.host) else "hardware"
     if not isinstance(real, UdpRigSpec):
         return ""
@@ -294,6 +295,10 @@ def driver(
         return _udp(info, table)
     if isinstance(table, UdpPlainRigSpec):
         return _udp_plain(info, table)
+    if isinstance(table, TargetRigSpec):
+        from rths_cli.rigs.udp.stepping_rig import SteppingRig
+
+        return SteppingRig(info, _cable(table.link, of_target=True), table.watchdog_s)
     if isinstance(table, NiRigSpec):
         return _ni(info, table)
     if isinstance(table, PluginRigSpec):
@@ -445,11 +450,15 @@ def _udp(rig: RigInfo, table: UdpRigSpec) -> UdpRig:
 
 def _udp_plain(rig: RigInfo, table: UdpPlainRigSpec) -> PlainRig:
     """Return the rig at the end of a private cable that a rig file describes."""
-    from rths_cli.rigs.udp.plain_rig import Cable, PlainRig
+    from rths_cli.rigs.udp.plain_rig import PlainRig
 
-    there = table.link
-    cable = Cable(there.interface, there.own_port, there.host, there.port, table.clock == "target")
-    return PlainRig(rig, cable, table.watchdog_s)
+    return PlainRig(rig, _cable(table.link, table.clock == "target"), table.watchdog_s)
+
+
+def _cable(link: PlainLinkSpec, of_target: bool) -> Cable:
+    from rths_cli.rigs.udp.plain_rig import Cable
+
+    return Cable(link.interface, link.own_port, link.host, link.port, of_target)
 
 
 def _ni(rig: RigInfo, table: NiRigSpec) -> NiRig:

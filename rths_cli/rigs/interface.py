@@ -10,6 +10,7 @@ from rths_cli.errors import RigError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array, Integers
 from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.stepped_test import Answer, Designed
 
 if TYPE_CHECKING:
     from rths_cli.case.storey_law_schema import StoreyLaws
@@ -26,6 +27,7 @@ __all__ = [
     "SESSION_NAMES",
     "SPECIMEN",
     "STANDARD_GRAVITY_M_S2",
+    "STEPS_ITSELF",
     "TRUTH",
     "Channel",
     "Commands",
@@ -38,6 +40,7 @@ __all__ = [
     "SessionRig",
     "SimulatedRig",
     "SpecimenRig",
+    "SteppedRig",
     "TruthfulRig",
     "as_commands",
     "counts_time",
@@ -48,6 +51,7 @@ __all__ = [
     "only_command",
     "simulated",
     "specimen_known",
+    "stepped",
     "truthful",
 ]
 
@@ -56,6 +60,7 @@ Commands = float | Array
 """Commands in V: a number for a rig with one actuator, an array (a,) for a rig with several."""
 COMPILED_PLANT, COMPILED_LINK, MISSED_EDGES = "compiled plant", "compiled link", "missed edges"
 COUNTED_CLOCK, TRUTH, SPECIMEN, SESSIONS = "counted clock", "truth", "specimen", "sessions"
+STEPS_ITSELF = "steps itself"
 """What a driver's class may say in `offers` that its rigs have beside `exchange`; a class without it offers nothing."""
 OF_PLUGINS = (MISSED_EDGES, COUNTED_CLOCK, TRUTH, SPECIMEN, SESSIONS)
 """What a rig of a package may offer."""
@@ -177,6 +182,21 @@ class SessionRig(Rig, Protocol):
         """Take the name of the session that `open` begins next, one of SESSION_NAMES."""
 
 
+class SteppedRig(Rig, Protocol):
+    """A rig whose own computer steps a designed test; see `rigs/udp/stepping_rig.py`."""
+
+    watchdog_s: float
+
+    def agree(self, designed: Designed) -> None:
+        """Raise RigError unless it holds the step of this case and model."""
+
+    def begin(self, record: Array) -> None:
+        """Send the record (n, 3) and start the test."""
+
+    def fetch(self, first: int, stop: bool) -> Answer:
+        """Return where the test stands, with rows of its log from `first` on."""
+
+
 SESSION_NAMES = ("doctor", "listening", "probe", "identification", "verification", "shake_table", "exp_rths")
 
 
@@ -228,6 +248,11 @@ def simulated(rig: Rig) -> SimulatedRig | None:
 def linked(rig: Rig) -> LinkedRig | None:
     """Return a rig whose link compiled code can use, None for one that is exchanged with from Python."""
     return cast("LinkedRig", rig) if _offers(rig, COMPILED_LINK) else None
+
+
+def stepped(rig: Rig) -> SteppedRig | None:
+    """Return a rig whose own computer steps the test, None for one that takes commands."""
+    return cast("SteppedRig", rig) if _offers(rig, STEPS_ITSELF) else None
 
 
 def missed_intervals(rig: Rig) -> int | None:

@@ -193,7 +193,7 @@ def test_an_unknown_kind_is_one_fault(faults_of, rig, plugged) -> None:
     (fault,) = faults_of(rig(kind="upd", nonsense=1))
     assert "table.kind: no kind of rig is called 'upd'; did you mean udp?; a further kind comes with" in fault
     (fault,) = faults_of(rig(kind="hydraulic", nonsense=1))
-    assert "known: ni, shaker, udp, udp_plain, virtual;" in fault
+    assert "known: ni, shaker, target, udp, udp_plain, virtual;" in fault
     (fault,) = faults_of(rig(kind=[1]))
     assert fault.endswith("table.kind: must be text, got a list")
 

@@ -106,3 +106,17 @@ def test_a_port_in_use_and_bad_input_are_one_sentence(own_cache: Path, tmp_path:
             done = subprocess.run([*RTHS, *words], capture_output=True, text=True, timeout=60, check=False)
             assert (done.returncode, done.stdout) == (code, ""), words
             assert said in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--as", "target"), "--as target and --case CASE belong together"),
+        (("--as", "target", "--case", "el_centro_low_ff_fb"), "is of kind virtual; only one of kind target"),
+        (("--as", "target", "--case", "el_centro_low_ff_fb", "--clock", "runner"), "leave --clock, --link"),
+        (("--as", "target", "--case", "el_centro_low_ff_fb", "--peer", "8.8.8.8:3"), "--peer: must be private"),
+    ],
+)
+def test_what_may_not_be_served_as_a_target(words: tuple[str, ...], said: str) -> None:
+    done = subprocess.run([*RTHS, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and said in done.stderr

@@ -12,7 +12,14 @@ from pydantic_core import PydanticUndefined
 from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.compensator_schema import CompensatorSpec, built_in_compensators
 from rths_cli.case.reference_schema import ReferenceSpec
-from rths_cli.case.rig_schema import NiRigSpec, PluginRigSpec, UdpPlainRigSpec, UdpRigSpec, VirtualRigSpec
+from rths_cli.case.rig_schema import (
+    NiRigSpec,
+    PluginRigSpec,
+    TargetRigSpec,
+    UdpPlainRigSpec,
+    UdpRigSpec,
+    VirtualRigSpec,
+)
 from rths_cli.case.storey_law_schema import KINDS as LAWS
 from rths_cli.case.structure_schema import StructureSpec
 from rths_cli.case.study_schema import DISTRIBUTIONS, FolderAxis, ListAxis, RangeAxis, StudyKeys
@@ -65,10 +72,11 @@ RIGS: dict[str, type[BaseModel]] = {
     "virtual": VirtualRigSpec,
     "udp": UdpRigSpec,
     "udp_plain": UdpPlainRigSpec,
+    "target": TargetRigSpec,
     "ni": NiRigSpec,
     "of a package": PluginRigSpec,
 }
-REAL = ("`udp`", "`udp_plain`", "`ni`", "of a package")
+REAL = ("`udp`", "`udp_plain`", "`target`", "`ni`", "of a package")
 
 
 def case_page() -> str:

@@ -19,11 +19,13 @@ from rths_cli.cli.entry_point import BLAS_THREADS
 from rths_cli.errors import RthsError
 
 DOCS = Path(__file__).parents[2] / "docs"
-RUN_ELSEWHERE = (  # tests/test_api.py, test_own_parts.py, benchmarks/gallery.py
+RUN_ELSEWHERE = (  # tests/test_api.py, test_own_parts.py, benchmarks/gallery.py, loop/test_stepping_target.py
     "reference/python.md",
     "howto/export.md",
     "reference/parts.md",
     "gallery.md",
+    "howto/own_computer.md",
+    "reference/stepping_target.md",
 )
 BY_THE_HELP = ("reference/commands.md",)  # its examples are those of the help: test_every_example_of_the_help_runs
 WITH_SNIPPETS = ("reference/figures.md", "howto/sweep.md")

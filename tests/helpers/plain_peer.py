@@ -38,6 +38,7 @@ class OwnTarget:
         self.session, self.state, self.last, self.output_v, self.faults = 0, AT_REST, 0, 0.0, 0
         self.acting, self.instant = 0, 0
         self.waiting: tuple[int, float] | None = None
+        self.acting_v, self.step_v, self.late = 0.0, 0.0, 0
         self.fed_s, self.resting_from = 0.0, 0.0
         self.samples: Sequence[float] = [0.0] * channels
         self.obeyed: list[tuple[int, int, float]] = []
@@ -101,6 +102,7 @@ class OwnTarget:
             self.session, self.last, self.output_v, self.state = session, 0, 0.0, RUNNING
             self.faults &= ~(1 | 8 | 64)
             self.acting, self.instant, self.waiting = 0, 0, None
+            self.acting_v, self.step_v, self.late = 0.0, 0.0, 0
             self.fed_s = time.monotonic()
             self.samples = self.table(None)
             return
@@ -119,9 +121,17 @@ class OwnTarget:
             self.obeyed.append((session, number, command_v))
 
     def _latch(self) -> None:
-        if self.waiting is not None and self.state == RUNNING:
-            self.acting, self.output_v = self.waiting
-            self.waiting = None
+        if self.state != RUNNING:
+            return
+        if self.waiting is not None:
+            number, volts = self.waiting
+            self.step_v = (volts - self.acting_v) / (number - self.acting)
+            self.acting, self.acting_v, self.output_v, self.waiting, self.late = number, volts, volts, None, 0
+        elif self.clock_s is not None:
+            stands = 0.05 / self.clock_s
+            self.late = min(self.late + 1, round(stands))
+            went = self.step_v * (self.late - self.late**2 / (2.0 * stands))
+            self.output_v = min(max(self.acting_v + went, -self.range_v), self.range_v)
 
     def rest(self, fault: int) -> None:
         self.state, self.faults, self.resting_from = RESTING, self.faults | fault, time.monotonic()

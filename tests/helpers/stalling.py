@@ -33,7 +33,7 @@ from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp.handshake import open_greeter
-from rths_cli.rigs.udp.late_command_trajectory import Way, fresh_way
+from rths_cli.rigs.udp.late_command_trajectory import Way, coast, fresh_way
 
 INTERVAL_NS = 1_000_000
 # The plain feedforward: friction is not countered on a rig with a preview of the commands, and with the reaction
@@ -45,7 +45,7 @@ MEMORY = Memory()  # the rig of each rate is identified once for all laboratorie
 @entry
 def stalled(
     d: udp_target.Door, t: udp_target.Table, way: Way, course: Course, s: Step, limits: GuardLimits, g: GuardState,
-    drive: Array, log: Log, stalls: IntArray, apart: Array,
+    drive: Array, log: Log, stalls: IntArray, apart: Array, coasts: bool,
 ) -> int:  # fmt: skip
     """Do what `run_udp` does, the clock set on by as many intervals as `stalls` (n,) says where an exchange is due.
 
@@ -53,7 +53,7 @@ def stalled(
     """
     d, t, way, course, s, limits, g = borrowed((d, t, way, course, s, limits, g))
     drive, log, stalls, apart = borrowed((drive, log, stalls, apart))
-    behind, waited, k, command = 0, 0, 0, 0.0
+    behind, waited, k, command, sent_v, sent_k = 0, 0, 0, 0.0, 0.0, 0
     udp_target.arm(d, t, 0)
     udp_target.sample(t, d.session)
     while k < log.columns.shape[1] and g.flags[0] != STOPPED:
@@ -69,6 +69,9 @@ def stalled(
             udp_target.advance(d, t, now)
             apart[0] = max(apart[0], abs(t.latched_v[0] - course.drift[STANDS_V]))
             waited, command = 0, leave(course, s, limits, log, way, command, k)
+            if coasts:
+                coast(way, (command - sent_v) / (k - sent_k), course.coasts)
+                sent_v, sent_k = command, k
             for i in range(way.volts.size):
                 t.way.volts[i] = way.volts[i]
             for i in range(way.marks.size):
@@ -94,13 +97,16 @@ class Laboratory:
 
     record: int  # samples that are played
 
-    def run(self, at: IntArray, length: int, told: bool = True) -> tuple[Performance, float]:
+    def run(
+        self, at: IntArray, length: int, told: bool = True, limits: GuardLimits | None = None, coasts: bool = False
+    ) -> tuple[Performance, float]:
         """Play the case with stalls at some steps, of so many intervals each; return the run, and by how much the
-        runner was at most mistaken of where the table stands in V. `told` False: the rig holds what it has."""
+        runner was at most mistaken of where the table stands in V. `told` False: the rig holds what it has, or
+        `coasts` as on the plain link."""
         setup, blocks = self.setup, self.design.blocks
         drive = drive_of(setup, self.design)[: self.record]
         info = replace(setup.rig, kind="udp", overrun="skip", limits=replace(setup.rig.limits, lost_samples=200))
-        run = realtime_run.prepare(info, blocks, NUMERICAL, drive, guard_limits(setup))
+        run = realtime_run.prepare(info, blocks, NUMERICAL, drive, limits or guard_limits(setup))
         course = run.course if told else run.course._replace(foresight=no_foresight(3))
         table, stalls, apart = make_table(self.served, INTERVAL_NS), np.zeros(len(run.drive), np.int64), np.zeros(1)
         stalls[at] = length
@@ -109,7 +115,7 @@ class Laboratory:
             door = udp_target.open_door(
                 link, open_greeter(nobody, 3, 1, 10**9), nobody, INTERVAL_NS, 500_000_000, np.zeros(1, np.int64)
             )
-            told_to = (run.step, run.limits, run.guard, run.drive, run.log, stalls, apart)
+            told_to = (run.step, run.limits, run.guard, run.drive, run.log, stalls, apart, coasts)
             stalled(door, table, fresh_way(), course, *told_to)
         return run, float(apart[0])
 

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
-from stalling import Laboratory, laboratory_of, logged
+from disturbed_runs import Disturbed
+from stalling import MEMORY, Laboratory, laboratory_of, logged
 
+from rths_cli.experiment.check_command import verdict_on
+from rths_cli.experiment.one_table_run import HYBRID_TEST, plan_run
 from rths_cli.loop.fallback_commands import OFF_V
-from rths_cli.loop.guard import END
+from rths_cli.loop.guard import END, STOPPED, GuardLimits
 from rths_cli.loop.realtime_run import Performance
+from rths_cli.numerics.clock import IntArray
+from rths_cli.numerics.lti import Array
 
 pytestmark = pytest.mark.campaign
 
@@ -61,3 +68,47 @@ def test_in_a_stall_longer_than_what_was_told_the_rig_stops_and_comes_back_withi
     assert apart == 0.0 and run.guard.flags[1] == END
     assert np.sort(np.abs(metres[0] - metres[1])[STALLED_AT + 149])[1] > 1e-4  # there was a way to come back
     assert run.course.drift[OFF_V] == 0.0 and jolts[1].max() < 0.45 * limits.acceleration_m_s2
+
+
+@dataclass(frozen=True)
+class Coasting(Laboratory):
+    """A laboratory on the plain link: the table goes on by the last step while no command comes."""
+
+    limits: GuardLimits
+
+    def run(self, at: IntArray, length: int, *_: object, **__: object) -> tuple[Performance, Array]:  # type: ignore[override]
+        """Return the run under the guard of the planned motion, and what the table was given."""
+        run, apart = Laboratory.run(self, at, length, told=False, limits=self.limits, coasts=True)
+        assert apart == 0.0
+        return run, logged(run).command_v
+
+
+@pytest.fixture(scope="module")
+def coasting(laboratory: Laboratory) -> Coasting:
+    setup = laboratory.setup
+    found = verdict_on(setup, MEMORY.at_rest(setup, lambda _: None), table_test=False)
+    assert found.design is not None
+    limits = plan_run(setup, found.design, HYBRID_TEST, planned=found.planned[HYBRID_TEST.name]).limits
+    return Coasting(setup, found.design, laboratory.served, RECORD, limits)
+
+
+@pytest.mark.parametrize("length", [1, 2, 5])
+def test_on_the_plain_link_a_run_that_misses_some_intervals_goes_on_within_its_stated_error(
+    coasting: Coasting, length: int
+) -> None:
+    """In strong and weak parts of the record, under the guard of the planned motion."""
+    lost = np.random.default_rng(length).choice(np.arange(2000, RECORD), (4, 4), replace=False)
+    disturbed = Disturbed(coasting, MEMORY)  # type: ignore[arg-type]
+    for at in np.sort(lost):
+        told = disturbed.told(at, length, 0)
+        assert told is not None, f"stopped: {at}"
+        assert (told.true < told.bound).all()
+
+
+def test_on_the_plain_link_a_long_loss_leads_the_table_to_rest(coasting: Coasting, laboratory: Laboratory) -> None:
+    """A rig that only holds is stopped by a few missed intervals of the strong part: what rule 7 of the page is for."""
+    run, commands = coasting.run(STALLED_AT[:1], 60)
+    assert run.guard.flags[0] == STOPPED and run.guard.flags[1] != END
+    assert commands[run.log.done[0] - 1] == 0.0
+    holds, _ = laboratory.run(STALLED_AT, 5, told=False, limits=coasting.limits)
+    assert holds.guard.flags[1] != END

@@ -4,6 +4,7 @@ lost samples, and the guard's limits."""
 from __future__ import annotations
 
 import shutil
+import socket
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -40,13 +41,20 @@ from rths_cli.control.numerical_substructure import interface as storeys_of
 from rths_cli.control.python_parts import PythonFeedforward
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
-from rths_cli.experiment.designed_step import DesignedStep, Rehearsal
+from rths_cli.experiment.designed_step import DesignedStep, Rehearsal, checksum_number
 from rths_cli.loop.guard import GuardLimits, further_limits
-from rths_cli.loop.recorded_steps import Conducted, Recorded
+from rths_cli.loop.lost_samples import NO_ANSWER
+from rths_cli.loop.realtime_run import perform, prepare
+from rths_cli.loop.recorded_steps import Conducted, Recorded, conduct_over
+from rths_cli.loop.run_log import column_names, signals, sizes_of
+from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.numerics.lti import Array
 from rths_cli.report.c_step.golden import golden_tests
 from rths_cli.report.c_step.library import library_texts, readme, write_library
 from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.stepped_test import Designed
+from rths_cli.rigs.udp.plain_rig import Cable
+from rths_cli.rigs.udp.stepping_rig import SteppingRig
 from rths_cli.structure import storey_matrix
 from rths_cli.structure.storey_laws import (
     Bilinear,
@@ -246,6 +254,30 @@ def test_the_golden_program_agrees_also_under_sanitizers(tmp_path: Path, texts: 
     assert golden(tmp_path / "fast", texts, FAST) == 0
 
 
+CORTEX_M7 = ("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard")
+
+
+@pytest.mark.parametrize("words", [("clang", "-O2"), ("arm-none-eabi-gcc", "-O2", *CORTEX_M7)], ids=lambda one: one[0])
+def test_other_compilers_take_the_sources(tmp_path: Path, texts: dict[str, str], words: tuple[str, ...]) -> None:
+    """Clang's program agrees too; a Cortex-M7 computes doubles in hardware and calls math.h alone."""
+    if shutil.which(words[0]) is None:
+        pytest.skip(f"no {words[0]} here")
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+
+    def run(*more: str) -> str:
+        return subprocess.run(more, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+
+    if words[0] == "clang":
+        run(*words, *STRICT, "rths_step.c", "rths_data.c", "golden.c", "-lm", "-o", "golden")
+        run("./golden")
+        return
+    for source in ("rths_step.c", "rths_data.c"):
+        run(*words, *STRICT, "-c", source)
+    called = {line.split()[-1] for line in run("arm-none-eabi-nm", "-u", "rths_step.o").splitlines()}
+    assert called <= {"__aeabi_l2d", "exp", "memcpy", "memset", "pow", "rths_data", "sqrt", "tanh", "floor"}
+
+
 BROKEN = {
     "rounding carried over": ("command + s->carried", "command"),
     "substituted samples": ("    s->gap_now++;\n    bridge(s);", "    s->gap_now++;"),
@@ -353,3 +385,55 @@ def test_the_page_counts_operations_and_names_every_channel() -> None:
     page = readme(step)
     assert all(one.name in page for one in step.info.all_channels) and "@" not in page
     assert "| feedforward | 292 | 16 | 1 |" in page  # 16 rows of 12 states, 3 motions, 3 channels; 4 against friction
+
+
+@pytest.mark.real_time
+def test_the_target_that_steps_in_c_is_followed_over_its_link(tmp_path: Path, texts: dict[str, str]) -> None:
+    """Its log, replayed by the compiled step on the samples that it took: the same commands, states and end."""
+    step, folder = small(), tmp_path
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    build(
+        folder,
+        (
+            *STRICT,
+            "-O1",
+            "-DCOUNTED_CLOCK=1",
+            "-DWATCHDOG_S=10.0",
+            "udp_target.c",
+            "rths_step.c",
+            "rths_data.c",
+            "-lm",
+            "-o",
+            "udp_target",
+        ),
+    )
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        own_port = free.getsockname()[1]
+    words = [str(folder / "udp_target"), "127.0.0.1:0", f"127.0.0.1:{own_port}"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            port = int(process.stdout.readline().split()[-1])
+            info = replace(step.info, kind="target")
+            rig = SteppingRig(info, Cable("127.0.0.1", own_port, "127.0.0.1", port, True), 0.5)
+            rig.open()
+            times_s = RAMP * info.dt_s, (STILL * info.dt_s, 3.0)
+            run = prepare(info, step.blocks, NUMERICAL, step.drive, step.limits, ramp_s=times_s[0], still_s=times_s[1])
+            numbers = checksum_number(step.case_sha256), checksum_number(step.model_sha256)
+            rig.agree(Designed(*numbers, len(column_names(sizes_of(run.step)))))
+            assert perform(rig, run) == ""
+            rig.close()
+        finally:
+            process.kill()
+    done, log = int(run.log.done[0]), signals(run.log, sizes_of(run.step))
+    came, stop = log.lost[:done] != NO_ANSWER, np.zeros(done, dtype=bool)
+    zeros_v = np.zeros(len(info.all_channels))  # the simulated table is silent at rest
+    given = Recorded(log.samples_v[:, :done].T, came, stop, step.drive, STILL, RAMP, zeros_v)
+    again = conduct_over(info, step.blocks, step.limits, given)
+    assert (again.reason, again.channel) == tuple(run.guard.flags[1:3])
+    moving = log.state[:done] < 5
+    assert np.array_equal(again.log.state[:done][moving], log.state[:done][moving]) and moving.sum() > STILL + RAMP
+    size = np.abs(again.log.command_v).max()
+    assert size > 1e-3 and np.abs(again.log.command_v - log.command_v[:done])[moving].max() < SAME_LAWS * size

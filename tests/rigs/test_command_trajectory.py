@@ -12,7 +12,7 @@ from smooth_way import smooth_way
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
-from rths_cli.rigs.udp.late_command_trajectory import Way, fresh_way, place_after, put_way, take_way, words_of
+from rths_cli.rigs.udp.late_command_trajectory import Way, coast, fresh_way, place_after, put_way, take_way, words_of
 from rths_cli.rigs.udp.packets import Bytes
 
 POINTS = (1.5, -2.25, 0.125)
@@ -22,6 +22,12 @@ POINTS = (1.5, -2.25, 0.125)
 def places(way: Way, made: Array) -> None:
     for intervals in range(made.size):
         made[intervals] = place_after(way, intervals)
+
+
+@entry
+def coasting(way: Way, step_v: float, intervals: int) -> int:
+    coast(way, step_v, intervals)
+    return intervals
 
 
 @entry
@@ -105,3 +111,13 @@ def test_a_point_that_is_no_number_makes_it_hold(bad: float, place: int) -> None
     points = np.array(POINTS)
     points[place] = bad
     assert (places_of(read(struct.pack("<dq3d", 1.0, 2, *points)), 20) == 1.0).all()
+
+
+def test_a_rig_without_preview_goes_on_by_its_last_step_and_is_braked_evenly() -> None:
+    """As a body does that is braked evenly: s j - s j^2 / (2 n) until it stands (docs/reference/plain_link.md)."""
+    way, made = fresh_way(), np.zeros(70)
+    way.volts[0] = 1.25
+    coasting(way, -0.02, 50)
+    places(way, made)
+    j = np.minimum(np.arange(70), 50)
+    assert made == pytest.approx(1.25 - 0.02 * (j - j**2 / 100.0), abs=1e-14)

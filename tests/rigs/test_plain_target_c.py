@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import socket
 import subprocess
@@ -13,8 +14,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bench import rig_info
+from hybrid import best_like, open_limits
 
 from rths_cli.errors import RigError
+from rths_cli.loop import realtime_run
+from rths_cli.loop.guard import END
+from rths_cli.loop.lost_samples import CAUGHT_UP, NO_ANSWER
+from rths_cli.loop.realtime_loop import OVERRUNS
+from rths_cli.loop.run_log import signals, sizes_of
+from rths_cli.loop.step_arrays import RECORD
 from rths_cli.rigs.udp.plain_frames import AT_REST, COMMAND, Frame, packed
 from rths_cli.rigs.udp.plain_rig import Cable, PlainRig
 
@@ -125,3 +133,24 @@ def test_its_ends_must_be_one_address_each(program: Path) -> None:
     for ends in (("127.0.0.1", "127.0.0.1:1"), ("0.0.0.0:0", "127.0.0.1:1"), ("table:1", "127.0.0.1:1")):
         done = subprocess.run([program, *ends, "runner"], capture_output=True, text=True)
         assert done.returncode == 2 and done.stderr.startswith("plain_target: an end of the cable is")
+
+
+def test_a_runner_that_stalls_loses_no_sample_of_a_target_with_its_own_clock(start: Start) -> None:
+    """The process is stopped three times for 25 intervals: the frames wait for it, and each step gets its own."""
+    rig = start(True)
+    info = replace(rig.info, limits=replace(rig.info.limits, lost_samples=200))
+    rig.info, steps = info, 400
+    blocks = replace(best_like(info), shaping_step_v=info.converters.step_v)
+    time_s = DT_S * np.arange(steps)
+    drive = np.column_stack([np.sin(12.0 * time_s), -np.cos(12.0 * time_s) / 12.0, -np.sin(12.0 * time_s) / 144.0])
+    run, spent = (realtime_run.prepare(info, blocks, RECORD, drive, open_limits(info), ramp_s=0.1) for _ in "12")
+    realtime_run.rehearse(spent, 0.02)  # compiled before the loop's clock runs
+    rig.open()
+    stops = "for i in 1 2 3; do sleep 0.3; kill -STOP {0}; sleep 0.1; kill -CONT {0}; done"
+    stopper = subprocess.Popen(["sh", "-c", stops.format(os.getpid())])
+    faults = realtime_run.perform(rig, run)
+    stopper.wait()
+    lost = signals(run.log, sizes_of(run.step)).lost[: run.log.done[0]]
+    assert faults == "" and run.guard.flags[1] == END and run.course.marks[OVERRUNS] > 50
+    assert not (lost == CAUGHT_UP).any() and (lost == NO_ANSWER).sum() < 0.3 * run.course.marks[OVERRUNS]
+    rig.close()

@@ -18,7 +18,7 @@ from rths_cli.report.c_step.operations import operations
 from rths_cli.report.export_files import Target, write_all
 from rths_cli.version import __version__
 
-WRITTEN_ONCE = ("rths_step.h", "rths_step.c", "rths_sfunction.c", "CMakeLists.txt")
+WRITTEN_ONCE = ("rths_step.h", "rths_step.c", "rths_sfunction.c", "udp_target.c", "CMakeLists.txt")
 OF_TARGET = {
     100: "while armed: the mean of a channel at rest is too large",
     101: "while armed: the noise of a channel at rest is too large",

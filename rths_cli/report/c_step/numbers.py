@@ -12,7 +12,7 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
-from rths_cli.experiment.designed_step import DesignedStep
+from rths_cli.experiment.designed_step import DesignedStep, checksum_number
 from rths_cli.loop.fallback_commands import LONGEST_S
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.loop.linear_parts import KalmanFilter, LinearFeedback, LinearFeedforward
@@ -26,7 +26,6 @@ from rths_cli.version import __version__
 
 NUMBERS_PER_LINE = 4
 CURVE_BEGIN, CURVE_SHIFT = 4, 5  # integers in the first row of a curve
-NUMBER_BITS = 12  # hexadecimal digits of a checksum that a double holds
 Fields = dict[str, str]
 
 
@@ -113,6 +112,7 @@ def sizes(given: DesignedStep) -> dict[str, int]:
         "BACK_STATES": back.states,
         "FLOOR_STATES": step.open_loop.states,
         "EXPECTED_FLOORS": step.open_loop.floors,
+        "RECORD": len(given.drive),
     }
 
 
@@ -146,8 +146,8 @@ def _about(given: DesignedStep) -> Fields:
         "longest_return": round(LONGEST_S / dt_s),
     }
     numbers = {
-        "case_number": _as_number(given.case_sha256),
-        "model_number": _as_number(given.model_sha256),
+        "case_number": checksum_number(given.case_sha256),
+        "model_number": checksum_number(given.model_sha256),
         "dt_s": dt_s,
     }
     return {
@@ -270,11 +270,6 @@ def _number(value: Any) -> str:
 def numbers(values: Iterable[float]) -> str:
     """Return doubles with all their digits, between commas."""
     return ", ".join(map(_number, values))
-
-
-def _as_number(sha256: str) -> float:
-    """Return the first 48 bits of a checksum as a number that a double holds."""
-    return float(int(sha256[:NUMBER_BITS], 16))
 
 
 def _plain(text: str) -> str:

@@ -19,6 +19,7 @@ from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.packets import Bytes
 
 POINTS, SPACING = range(2)  # indices in Way.marks
+COASTS_S = 0.05  # time over which a target of the plain link comes to a stand while no command comes
 FARTHEST_V = 1e6  # largest accepted point, so that no position between two points overflows
 
 
@@ -50,6 +51,14 @@ def place_after(way: Way, intervals: int) -> float:
     t = (intervals - behind * spacing) / spacing
     bend, twist = 2.0 * before - 5.0 * here + 4.0 * there - after, after - before + 3.0 * (here - there)
     return here + 0.5 * t * (there - before + t * (bend + t * twist))
+
+
+@part
+def coast(way: Way, step_v: float, intervals: int) -> None:
+    """Let a command without preview go on by its last step, evenly slower until it stands after some intervals: after j
+    of them by step_v (j - j^2 / (2 intervals))."""
+    way.volts[1] = way.volts[0] + 0.5 * step_v * intervals
+    way.marks[POINTS], way.marks[SPACING] = 1, intervals
 
 
 @part

@@ -50,6 +50,23 @@ class Cable:
     of_target: bool
 
 
+def connected(rig: str, cable: Cable) -> socket.socket:
+    """Return a socket between the two ends: nothing from elsewhere is received; raises RigError naming the `rig`."""
+    door = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        door.bind((cable.interface, cable.own_port))
+        door.connect((cable.host, cable.port))
+    except OSError as error:
+        door.close()
+        ends = f"from link.interface {cable.interface} port {cable.own_port} to {cable.host}"
+        raise RigError(
+            f"rig {rig}: {ends}: {error.strerror}; the interface must be an address of this machine, "
+            "on the target's network, and no other program may have the port"
+        ) from None
+    door.setblocking(False)
+    return door
+
+
 class PlainRig(UdpRig):
     """A rig behind plain frames: as `UdpRig`, without key and terms.
 
@@ -75,7 +92,7 @@ class PlainRig(UdpRig):
         self.close()
         channels = len(self.info.all_channels)
         prepare(channels)
-        door = self._door = self._connected()
+        door = self._door = connected(self.info.name, self.cable)
         self.peer = shown(door.getpeername())
         self.info = replace(self.info, driver_verified="loopback" if on_this_machine(door) else "hardware")
         timeout_ns = links.NO_TIMEOUT_NS if self.cable.of_target else self._timeout_ns
@@ -147,22 +164,6 @@ class PlainRig(UdpRig):
         if link.counts[links.IN_A_ROW] > self.target.lost_samples:
             raise RigError(self._lost())
         return link.samples_v
-
-    def _connected(self) -> socket.socket:
-        """Return a socket between the two ends: nothing from elsewhere is received."""
-        cable, door = self.cable, socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            door.bind((cable.interface, cable.own_port))
-            door.connect((cable.host, cable.port))
-        except OSError as error:
-            door.close()
-            ends = f"from link.interface {cable.interface} port {cable.own_port} to {cable.host}"
-            raise RigError(
-                f"rig {self.info.name}: {ends}: {error.strerror}; the interface must be an address of this machine, "
-                "on the target's network, and no other program may have the port"
-            ) from None
-        door.setblocking(False)
-        return door
 
     def _at_rest(self) -> Frame:
         """Return a frame of the target whose table is at rest; raises RigError where none comes."""

@@ -11,6 +11,9 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
+from rths_cli.analysis.adaptive_loop import AdaptiveVerdict
 from rths_cli.benchmark.displacement import NONE, ROW, CaseRuns, Designed, DisplacementBenchmark, critical_delay_s
 from rths_cli.case.benchmark_schema import BenchmarkCompensator, BenchmarkSpec
 from rths_cli.case.compensator_schema import OWN, STATE_SPACE, compensator_kinds
@@ -84,6 +87,8 @@ class Benchmarked:
     critical_delays_s: dict[str, float]
     adapting: frozenset[str]
     """Compensators that are no linear block: their radius is that of the block that they declare."""
+    adaptive: dict[str, dict[str, AdaptiveVerdict]]
+    """What is known of the nominal loop while parameters move, by compensator and case."""
 
 
 def benchmark_of(request: BenchmarkRequest) -> DisplacementBenchmark:
@@ -145,7 +150,20 @@ def run_benchmark(request: BenchmarkRequest, watcher: Watcher) -> Benchmarked:
         watcher.message(replaced_sentence(replaced))
     delays = {case.name: critical_delay_s(bench, case) for case in bench.spec.cases}
     adapting = frozenset(one.label for one in designed if one.adapts)
-    return Benchmarked(bench, plan, tuple(rows), path, len(rows) - len(kept), delays, adapting)
+    watcher.doing("judging the laws that adapt")
+    return Benchmarked(
+        bench, plan, tuple(rows), path, len(rows) - len(kept), delays, adapting, _adaptive(bench, designed)
+    )
+
+
+def _adaptive(bench: DisplacementBenchmark, designed: Sequence[Designed]) -> dict[str, dict[str, AdaptiveVerdict]]:
+    """Return the verdicts on the laws that adapt, by compensator and case."""
+    found: dict[str, dict[str, AdaptiveVerdict]] = {}
+    for one in designed:
+        for case in bench.spec.cases if one.adapted is not None and one.adapted.rate.any() else ():
+            verdict = CaseRuns(bench, case, bench.storeys(case), np.zeros((1, 1)), one).adaptive()
+            found.setdefault(one.label, {}).update({} if verdict is None else {case.name: verdict})
+    return found
 
 
 def _all_designed(bench: DisplacementBenchmark) -> list[Designed]:

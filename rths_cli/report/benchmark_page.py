@@ -48,7 +48,7 @@ def document(made: Benchmarked) -> Document:
     order = standings(made)
     return [
         [verdict_line(verdict(made, order)), *notes(made)],
-        [_ranking(order)],
+        [_ranking(order), *map(Line, adapting(made))],
         *([_case_table(made, case.name, order)] for case in made.bench.spec.cases),
         [Line(one) for one in LEGEND],
         [_delays(made.bench)],
@@ -91,6 +91,17 @@ def notes(made: Benchmarked) -> list[Block]:
     if wrong := contradicted(made.rows, made.adapting):
         told.append(f"{len(wrong)} runs diverged although their linear loop is stable: see the rows")
     return [Line(one) for one in told]
+
+
+def adapting(made: Benchmarked) -> list[str]:
+    """Return what is known of each law that adapts, a sentence for all cases of which the same is known."""
+    told = []
+    for label, cases in made.adaptive.items():
+        same: dict[str, list[str]] = {}
+        for case, verdict in cases.items():
+            same.setdefault(verdict.told, []).append(case)
+        told += [f"{label}, case {', '.join(where)}, nominal plant: {what}" for what, where in same.items()]
+    return told
 
 
 def _ranking(order: Sequence[Standing]) -> Table:
@@ -168,6 +179,7 @@ def as_json(made: Benchmarked) -> dict[str, Any]:
             }
             for one in order
         ],
+        "adapting": adapting(made),
         "cases": {case.name: list(_means(made, case.name, order)) for case in made.bench.spec.cases},
         "rows": [_row(row) for row in made.rows],
         "file": str(made.path),

@@ -30,6 +30,14 @@ LIST = "list"
 @click.option("--noise-free", is_flag=True, help="Sensors without noise; the converters round all the same.")
 @click.option("--record", metavar="NAME|FILE", help="Another ground motion.")
 @click.option("--scaling", type=Number(min=0, min_open=True, max=100), metavar="FACTOR", help="Its factor.")
+@click.option(
+    "--change",
+    "changes",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="What changes during the test, as in the file's change: at_s=10, specimen_stiffness_factor=0.7, "
+    "command_gain_factor=1.1, latency_samples=1. Laws that adapt are played frozen too. Repeatable.",
+)
 @click.option("--critical-delays", is_flag=True, help="Print the critical delay of each case, and play nothing.")
 @click.option("--jobs", type=click.IntRange(1, 1024), help="Runs at a time [default: the number of cores].")
 @click.option("--output", type=FILE, metavar="FILE", help="File of the rows [default: benchmarks/NAME.jsonl].")
@@ -47,6 +55,7 @@ def benchmark(
     noise_free: bool,
     record: str | None,
     scaling: float | None,
+    changes: tuple[str, ...],
     critical_delays: bool,
     jobs: int | None,
     output: Path | None,
@@ -84,7 +93,7 @@ def benchmark(
 
     request = BenchmarkRequest(
         name, cases, compensators, plants, seed, noise_free, record, scaling, output, jobs or threads(), resume,
-        not no_replace,
+        not no_replace, changes,
     )  # fmt: skip
     with screen.reading("starting"):
         if critical_delays:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rths_cli.benchmark.campaign import Benchmarked, BenchmarkRow
-from rths_cli.benchmark.displacement import ROW, DisplacementBenchmark, critical_delay_s
+from rths_cli.benchmark.displacement import ROW, SETTLED_S, DisplacementBenchmark, critical_delay_s
 from rths_cli.benchmark.ranking import Standing, contradicted, half_interval, has_failed, standings
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import written_whole
@@ -84,6 +84,10 @@ def notes(made: Benchmarked) -> list[Block]:
         f"{spec.heading}; {spec.ground_motion_factor:g} x {spec.ground_motion}, seed {seed}, {noise}, force clipped at "
         f"{spec.actuator.force_limit_n:g} N"
     ]
+    if made.bench.change is not None:
+        stated = made.bench.change.model_dump(exclude_defaults=True).items()
+        changed = ", ".join(f"{key} {value:g}" for key, value in stated)
+        told.append(f"the plant changes ({changed}); every figure is that from {SETTLED_S:g} s after it")
     if negative:
         told.append(f"a_3 < 0 in {negative} of {spec.plants} plants: kept as drawn, the feedback stabilises the plant")
     if clipped:

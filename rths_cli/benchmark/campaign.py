@@ -123,8 +123,8 @@ def benchmark_of(request: BenchmarkRequest) -> DisplacementBenchmark:
     ends_s = (len(record.accel_m_s2) - 1) * record.dt_s
     if change is not None and change.at_s + SETTLED_S >= ends_s:
         raise InputError(
-            f"change.at_s: {change.at_s:g} s leaves no errors to judge, which count from {SETTLED_S:g} s later; the record "
-            f"ends at {ends_s:g} s"
+            f"change.at_s: {change.at_s:g} s leaves no errors to judge, which count from {SETTLED_S:g} s later; "
+            f"the record ends at {ends_s:g} s"
         )
     return DisplacementBenchmark(spec, record, request.noise_free)
 

@@ -41,7 +41,7 @@ SOURCE = (
 )
 OPTIONS = {
     **OF_INVERSE,
-    "memory_s": (0.5, 0.02, 100.0, "time constant with which the fit forgets"),
+    "memory_s": (3.0, 0.02, 100.0, "time constant with which the fit forgets"),
     "range_gain": (0.15, 0.0, 0.9, "by how much b_0 may differ from 1"),
     "range_delay_s": (0.003, 0.0, 0.1, "largest size of b_1"),
     "range_second_s2": (1e-5, 0.0, 0.01, "largest size of b_2"),

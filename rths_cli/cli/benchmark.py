@@ -39,6 +39,12 @@ LIST = "list"
     "command_gain_factor=1.1, latency_samples=1. Laws that adapt are played frozen too. Repeatable.",
 )
 @click.option("--critical-delays", is_flag=True, help="Print the critical delay of each case, and play nothing.")
+@click.option(
+    "--responses",
+    type=FILE,
+    metavar="FILE",
+    help="Draw frequency response and step response of every compensator (.pdf, .svg, .png), and play nothing.",
+)
 @click.option("--jobs", type=click.IntRange(1, 1024), help="Runs at a time [default: the number of cores].")
 @click.option("--output", type=FILE, metavar="FILE", help="File of the rows [default: benchmarks/NAME.jsonl].")
 @click.option("--table", type=FILE, metavar="FILE", help="Write the tables too: .tex, .md, .html or .txt.")
@@ -57,6 +63,7 @@ def benchmark(
     scaling: float | None,
     changes: tuple[str, ...],
     critical_delays: bool,
+    responses: Path | None,
     jobs: int | None,
     output: Path | None,
     table: Path | None,
@@ -103,6 +110,16 @@ def benchmark(
                 click.echo(json.dumps({"benchmark": name, "critical_delays_ms": delays(bench)}, indent=2))
             else:
                 show_page(lambda: delays_page(bench))
+            return 0
+        if responses is not None:
+            check_output("--responses", responses, [], not no_replace)
+            from rths_cli.benchmark.responses import followed
+            from rths_cli.report.figures.compensators import write_responses
+
+            drawn = followed(benchmark_of(request))
+            write_responses(drawn, responses)
+            screen.clear()
+            click.echo(f"{responses}: {len(drawn)} compensators")
             return 0
         if table is not None:
             check_table(table)

@@ -4,8 +4,8 @@
 
 with the identified actuator G. The controller K stabilises every plant whose normalised coprime factors differ
 from those of G_s by less than 1 / gamma, gamma = (1 + `slack`) gamma_min, gamma_min = sqrt(1 + lambda_max(X Z)), X
-and Z solutions of the Riccati equations of control and filter. u = W (K x - K(0) r); the reference leads by the loop's lag
-(control.tracking).
+and Z solutions of the Riccati equations of control and filter. u = W (K x - K(0) r); the reference leads by the
+loop's lag (control.tracking).
 
 Limits of use: a design whose gamma_min is above 4 has a shape that the actuator cannot have and is refused
 (lower `crossover_hz`); a transport delay is not in the model. Designed in continuous time, sampled by Tustin's rule. It

@@ -114,7 +114,7 @@ def benchmark(
         if responses is not None:
             check_output("--responses", responses, [], not no_replace)
             from rths_cli.benchmark.responses import followed
-            from rths_cli.report.figures.compensators import write_responses
+            from rths_cli.report.compensator_figure import write_responses
 
             drawn = followed(benchmark_of(request))
             write_responses(drawn, responses)

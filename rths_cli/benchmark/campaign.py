@@ -11,12 +11,24 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Protocol
 
-from rths_cli.benchmark.displacement import NONE, ROW, CaseRuns, Designed, DisplacementBenchmark, critical_delay_s
-from rths_cli.case.benchmark_schema import BenchmarkCompensator, BenchmarkSpec
+import numpy as np
+
+from rths_cli.analysis.adaptive_loop import AdaptiveVerdict
+from rths_cli.benchmark.displacement import (
+    NONE,
+    ROW,
+    SETTLED_S,
+    CaseRuns,
+    Designed,
+    DisplacementBenchmark,
+    critical_delay_s,
+)
+from rths_cli.case.benchmark_schema import BenchmarkCompensator, BenchmarkSpec, PlantChange
 from rths_cli.case.compensator_schema import OWN, STATE_SPACE, compensator_kinds
 from rths_cli.case.field_types import near
 from rths_cli.case.load import load_benchmark
 from rths_cli.case.named_files import find, is_bare
+from rths_cli.control.compensator import definition_of
 from rths_cli.errors import InputError
 from rths_cli.experiment.model_files import software
 from rths_cli.files.accelerograms import read_accelerogram
@@ -60,6 +72,7 @@ class BenchmarkRequest:
     jobs: int = 1
     resume: bool = False
     replace: bool = True
+    changes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -84,6 +97,8 @@ class Benchmarked:
     critical_delays_s: dict[str, float]
     adapting: frozenset[str]
     """Compensators that are no linear block: their radius is that of the block that they declare."""
+    adaptive: dict[str, dict[str, AdaptiveVerdict]]
+    """What is known of the nominal loop while parameters move, by compensator and case."""
 
 
 def benchmark_of(request: BenchmarkRequest) -> DisplacementBenchmark:
@@ -94,15 +109,54 @@ def benchmark_of(request: BenchmarkRequest) -> DisplacementBenchmark:
     labels = [one.label for one in compensators]
     if repeated := sorted({label for label in labels if labels.count(label) > 1}):
         raise InputError(f"--compensator: {', '.join(repeated)} is given more than once; name each once")
+    change = _change(spec, request.changes)
+    if change is not None:
+        compensators = [*compensators, *_frozen(compensators)]
     scaling = spec.ground_motion_factor if request.scaling is None else request.scaling
     plants = spec.plants if request.plants is None else request.plants
     spec = spec.model_copy(update={
         "cases": tuple(cases), "compensators": tuple(compensators), "plants": plants, "ground_motion_factor": scaling,
-        "ground_motion": request.record or spec.ground_motion,
+        "ground_motion": request.record or spec.ground_motion, "change": change,
     })  # fmt: skip
     named = spec.ground_motion
     record = read_accelerogram(find(named, "records", Path.cwd()) if is_bare(named) else Path(named))
+    ends_s = (len(record.accel_m_s2) - 1) * record.dt_s
+    if change is not None and change.at_s + SETTLED_S >= ends_s:
+        raise InputError(
+            f"change.at_s: {change.at_s:g} s leaves no errors to judge, which count from {SETTLED_S:g} s later; "
+            f"the record ends at {ends_s:g} s"
+        )
     return DisplacementBenchmark(spec, record, request.noise_free)
+
+
+def _change(spec: BenchmarkSpec, stated: Sequence[str]) -> PlantChange | None:
+    """Return what changes during the test: that of the file, with the keys that --change states."""
+    given: dict[str, Any] = {} if spec.change is None else spec.change.model_dump()
+    known = tuple(PlantChange.model_fields)
+    for one in stated:
+        key, sign, value = one.partition("=")
+        if not sign or key not in known:
+            raise InputError(f"--change {one}: must be KEY=VALUE with a key of {', '.join(known)}{near(key, known)}")
+        try:
+            given[key] = int(value) if key == "latency_samples" else float(value)
+        except ValueError:
+            raise InputError(f"--change {one}: {value!r} is no number") from None
+    if not given:
+        return None
+    if "at_s" not in given:
+        raise InputError("--change: at_s is missing; say when, such as --change at_s=10")
+    try:
+        return PlantChange.model_validate(given)
+    except ValueError as error:
+        first = error.errors()[0]  # type: ignore[attr-defined]
+        raise InputError(f"--change {first['loc'][0]}: {first['msg']}, got {first['input']}") from None
+
+
+def _frozen(compensators: Sequence[BenchmarkCompensator]) -> list[BenchmarkCompensator]:
+    """Return the laws that adapt once more, with their parameters at their start."""
+    laws = [one for one in compensators if one.kind not in (NONE, STATE_SPACE) and not one.frozen]
+    return [one.model_copy(update={"frozen": True, "name": f"{one.label}_frozen"}) for one in laws
+            if definition_of(one.kind, one.file, one.sha256).adapts]  # fmt: skip
 
 
 def _chosen(option: str, asked: Sequence[str], known: dict[str, Any]) -> list[Any]:
@@ -145,7 +199,20 @@ def run_benchmark(request: BenchmarkRequest, watcher: Watcher) -> Benchmarked:
         watcher.message(replaced_sentence(replaced))
     delays = {case.name: critical_delay_s(bench, case) for case in bench.spec.cases}
     adapting = frozenset(one.label for one in designed if one.adapts)
-    return Benchmarked(bench, plan, tuple(rows), path, len(rows) - len(kept), delays, adapting)
+    watcher.doing("judging the laws that adapt")
+    return Benchmarked(
+        bench, plan, tuple(rows), path, len(rows) - len(kept), delays, adapting, _adaptive(bench, designed)
+    )
+
+
+def _adaptive(bench: DisplacementBenchmark, designed: Sequence[Designed]) -> dict[str, dict[str, AdaptiveVerdict]]:
+    """Return the verdicts on the laws that adapt, by compensator and case."""
+    found: dict[str, dict[str, AdaptiveVerdict]] = {}
+    for one in designed:
+        for case in bench.spec.cases if one.adapted is not None and one.adapted.rate.any() else ():
+            verdict = CaseRuns(bench, case, bench.storeys(case), np.zeros((1, 1)), one).adaptive()
+            found.setdefault(one.label, {}).update({} if verdict is None else {case.name: verdict})
+    return found
 
 
 def _all_designed(bench: DisplacementBenchmark) -> list[Designed]:

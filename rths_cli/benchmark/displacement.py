@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import expm
 
+from rths_cli.analysis.adaptive_loop import AdaptiveVerdict, judged, spectral_radius
 from rths_cli.analysis.metrics import frequency_evaluation, peak, response_criteria, tracking_criteria, tracking_ratios
-from rths_cli.case.benchmark_schema import BenchmarkCase, BenchmarkCompensator, BenchmarkSpec
+from rths_cli.case.benchmark_schema import BenchmarkCase, BenchmarkCompensator, BenchmarkSpec, PlantChange
 from rths_cli.case.compensator_schema import OWN
-from rths_cli.control.compensator import FIELD, Plant, compiled_function, definition_of, designed_law, without_sent
+from rths_cli.control.compensator import (
+    FIELD,
+    Plant,
+    adapted_of,
+    compiled_function,
+    definition_of,
+    designed_law,
+    without_sent,
+)
+from rths_cli.control.interface import Adapted
 from rths_cli.control.law_block import declared_block, derived_block
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import Accelerogram
+from rths_cli.loop.adapted_states import held
 from rths_cli.loop.displacement_loop import (
     INTO,
     REMEMBERED,
+    SENT,
     Converters,
     Law,
     Series,
@@ -40,6 +53,7 @@ ROW = (*FIGURES, "radius", "ended_s")
 itself J2, J4, and J4 against the structure with this plant's own specimen (the error of the test); spectral radius of
 the linear loop (NaN: not judged), and when it ended, early if it diverged."""
 PLANTS, NOISE = 1, 2  # streams of random numbers
+SETTLED_S = 1.0  # after a change of the plant, before errors count
 SMALL = 1e-6  # a state by which the loop is excited, far from every limit
 SAFE = 1.0 - 1e-9  # the largest spectral radius of a loop that is safe
 FINEST_HZ, MOST_HZ, POINTS = 1e-3, 500.0, 400_000  # of the search for a critical delay
@@ -55,24 +69,33 @@ class Designed:
     judged: Block | None
     function: UserFunction | None
     predict_force: bool
+    adapted: Adapted | None = None
+    at: Callable[[Array], Block] | None = None
+    """The block at other values of the parameters that move."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the parameters that move."""
+        return () if self.adapted is None else self.adapted.names
 
     @property
     def adapts(self) -> bool:
         """Return whether it is no linear block."""
         return self.function is not None
 
-    def law(self, as_block: bool = False) -> Law:
-        """Return it for the loop, at rest; `as_block`: the block by which it is judged."""
-        code = None if as_block else self.function
-        n = self.states if code is not None or self.judged is None else len(self.judged.A)
+    def law(self, state: Array, block: Block | None = None) -> Law:
+        """Return it for the loop, with its `state` (n,) at rest, or a block by which it is judged."""
+        code, n = None if block is not None else self.function, len(state)
+        block = self.judged if block is None else block
         whole = np.zeros((n + 1, n + INTO))
-        if code is None and self.judged is not None:
-            block, width = self.judged, n + self.judged.B.shape[1]
+        if code is None and block is not None:
+            width = n + block.B.shape[1]
             whole[:, :width] = np.block([[block.A, block.B], [block.C, block.D]])
         rows, columns = np.nonzero(whole)
         return Law(
             0 if code is None else code.address, self.parameters.copy(), rows, columns, whole[rows, columns],
             np.zeros(n + INTO), np.zeros(n + 1), np.zeros(3), np.zeros(2),
+            held(None if code is None else self.adapted, state, np.zeros(len(self.names)), 1),
         )  # fmt: skip
 
 
@@ -93,6 +116,11 @@ class DisplacementBenchmark:
     spec: BenchmarkSpec
     record: Accelerogram
     noise_free: bool = False
+
+    @property
+    def change(self) -> PlantChange | None:
+        """Return what changes during the test; figures are then those from `SETTLED_S` after it."""
+        return self.spec.change
 
     @property
     def dt_s(self) -> float:
@@ -141,11 +169,39 @@ class DisplacementBenchmark:
         M, C, K = (matrix.copy() for matrix in (whole.M, whole.C, whole.K))
         for matrix, one in zip((M, C, K), more, strict=True):
             matrix[0, 0] += one
-        a, b = _first_order(M, C, K, whole.M)
+        n, ground, change = len(M), self.ground[1], self.change
+        if change is None or change.specimen_stiffness_factor == 1.0:
+            return self._response(M, C, K, whole.M, ground, np.zeros(2 * n))[:n]
+        at = round(change.at_s / self.dt_s)
+        before = self._response(M, C, K, whole.M, ground[: at + 1], np.zeros(2 * n))
+        stiffness = self.spec.specimen.stiffness_n_per_m if plant is None else plant.stiffness_n_per_m
+        K = K.copy()
+        K[0, 0] += (change.specimen_stiffness_factor - 1.0) * stiffness
+        after = self._response(M, C, K, whole.M, ground[at:], before[:, -1])
+        return np.hstack([before[:n, :at], after[:n]])
+
+    def _response(self, M: Array, C: Array, K: Array, load: Array, ground: Array, first: Array) -> Array:
+        """Return displacements and velocities (2 n, samples) mode by mode from the state `first` (2 n,)."""
+        a, b = _first_order(M, C, K, load)
         values, shapes = np.linalg.eig(a)
         weights = np.linalg.solve(shapes, b[:, :1].astype(complex))[:, 0] * np.expm1(values * self.dt_s) / values
-        parts = driven_modes(np.exp(values * self.dt_s), 0.0 * weights, weights, self.ground[1])
-        return np.asarray((shapes[: len(whole.M)] @ (parts[0] + 1j * parts[1])).real)
+        parts = driven_modes(np.exp(values * self.dt_s), 0.0 * weights, weights, ground)
+        found = parts[0] + 1j * parts[1]
+        if first.any():
+            decaying = np.exp(np.outer(values * self.dt_s, np.arange(len(ground))))
+            found = found + np.linalg.solve(shapes, first.astype(complex))[:, None] * decaying
+        return np.asarray((shapes @ found).real)
+
+    def plants_of_run(self, plant: ServoHydraulic) -> list[tuple[ServoHydraulic, int]]:
+        """Return the plants of a run, one after the other, each with the samples by which commands are later."""
+        change = self.change
+        if change is None:
+            return [(plant, 0)]
+        changed = replace(
+            plant, command_gain=plant.command_gain * change.command_gain_factor,
+            stiffness_n_per_m=plant.stiffness_n_per_m * change.specimen_stiffness_factor,
+        )  # fmt: skip
+        return [(plant, 0), (changed, change.latency_samples)]
 
     def plant(self, index: int, seed: int) -> ServoHydraulic:
         """Return plant `index` of a seed, the nominal one for 0: the same for every case and compensator."""
@@ -192,11 +248,17 @@ class DisplacementBenchmark:
         if block is not None and not block.B[:, -1].any() and not block.D[:, -1].any():
             linear = without_sent(block)
             return Designed(stated.label, np.zeros(0), len(linear.A), linear, None, predicts)
-        declared = None if definition.linear is None else declared_block(definition.linear, law, plant.dt_s)
+        adapted, at_values = adapted_of(definition, law, plant.dt_s), definition.linear
+        at = None if at_values is None else (
+            lambda values: declared_block(at_values, law, plant.dt_s, values, plant.interface)
+        )  # fmt: skip
+        declared = None if at is None else at(None if adapted is None else adapted.start)
         made = compiled_function(definition, law)
         if isinstance(made, str):
             raise InputError(f"{FIELD}: {definition.who}: {made}; a benchmark plays compiled compensators only")
-        return Designed(stated.label, law.parameters, law.states, declared, made, predicts)
+        if adapted is not None and stated.frozen:
+            adapted = replace(adapted, rate=np.zeros(len(adapted.start)))
+        return Designed(stated.label, law.parameters, law.states, declared, made, predicts, adapted, at)
 
 
 @dataclass(frozen=True)
@@ -213,29 +275,52 @@ class CaseRuns:
         """Play plant `index` of a seed over the record and return the numbers of `ROW`."""
         bench, plant = self.bench, self.bench.plant(index, seed)
         series, end = self.played(index, seed)
-        figures = dict.fromkeys(ROW, math.nan) | {"ended_s": end * bench.dt_s, "radius": self.radius(plant)}
+        radius = max(self.radius(each, late) for each, late in bench.plants_of_run(plant))
+        figures = dict.fromkeys(ROW, math.nan) | {"ended_s": end * bench.dt_s, "radius": radius}
         if end < len(series.noise):
             return figures
-        own = bench.reference(self.case, plant)[0] if index else self.reference[0]
-        return figures | _figures(bench, self.reference, own, series)
+        own = bench.reference(self.case, plant)[0] if index or bench.change else self.reference[0]
+        first = 0 if bench.change is None else round((bench.change.at_s + SETTLED_S) / bench.dt_s)
+        return figures | _figures(bench, self.reference[:, first:], own[first:], _from(series, first))
 
     def played(self, index: int, seed: int) -> tuple[Series, int]:
         """Return the series of a plant's run, and in which sample it ended."""
         bench, samples = self.bench, len(self.bench.ground[0])
         noise = np.zeros(samples) if bench.noise_free else bench.noise(index, seed)
-        series = _series(bench.ground, noise, len(self.reference))
+        series = _series(bench.ground, noise, len(self.reference), len(self.designed.names))
         made = self._converters(bench.spec.quantisation.quantum, bench.spec.quantisation.range)
-        plant, law = sampled_actuator(bench.plant(index, seed), bench.dt_s), self.designed.law()
-        return series, play(self.storeys, plant, law, made, self._at_rest(), series, 0, samples)
+        state, begun = self._at_rest(), 0
+        law = self.designed.law(state.law)
+        for plant, late in bench.plants_of_run(bench.plant(index, seed)):
+            first = begun == 0 and bench.change is not None
+            end = round(bench.change.at_s / bench.dt_s) if first and bench.change else samples
+            if late > len(state.late):
+                state = state._replace(late=np.full(late, state.before[SENT]))
+            begun = play(self.storeys, sampled_actuator(plant, bench.dt_s), law, made, state, series, begun, end)
+            if begun < end:
+                break
+        return series, begun
 
-    def radius(self, plant: ServoHydraulic) -> float:
-        """Return the spectral radius of the loop from sample to sample, as its block is, with a plant within its limit:
-        the loop itself is excited, state by state. NaN where the compensator declares no block."""
-        if self.designed.judged is None:
-            return math.nan
-        law, still = self.designed.law(as_block=True), np.zeros(1)
-        state = self._at_rest(len(law.given) - INTO)
-        parts = (state.storeys, state.actuator, state.law, state.before)
+    def radius(self, plant: ServoHydraulic, late: int = 0) -> float:
+        """Return the spectral radius of the loop from sample to sample, as its block is, with a plant within its limit
+        and commands later by `late` samples. NaN where the compensator declares no block."""
+        block = self.designed.judged
+        return math.nan if block is None else spectral_radius(self.matrix(plant, block, late))
+
+    def adaptive(self) -> AdaptiveVerdict | None:
+        """Return what is known of the nominal loop while its parameters move, None where none do."""
+        adapted, at = self.designed.adapted, self.designed.at
+        if adapted is None or at is None:
+            return None
+        nominal = self.bench.plant(0, 0)
+        return judged(lambda values: self.matrix(nominal, at(values)), adapted, self.bench.dt_s)
+
+    def matrix(self, plant: ServoHydraulic, block: Block, late: int = 0) -> Array:
+        """Return the matrix of the loop from sample to sample, the compensator a block: the loop itself is excited,
+        state by state."""
+        still, state = np.zeros(1), self._at_rest(len(block.A), late)
+        law = self.designed.law(state.law, block)
+        parts = (state.storeys, state.actuator, state.law, state.before, state.late)
         bound = play.bind(
             self.storeys, sampled_actuator(replace(plant, force_limit_n=math.inf), self.bench.dt_s), law,
             self._converters(0.0, math.inf), state, _series((still, still), still, len(self.reference)), 0, 1,
@@ -247,12 +332,12 @@ class CaseRuns:
                 one[:] = given
             bound()
             columns.append(np.concatenate(parts) / SMALL)
-        return float(np.abs(np.linalg.eigvals(np.array(columns).T)).max())
+        return np.array(columns).T
 
-    def _at_rest(self, states: int | None = None) -> State:
+    def _at_rest(self, states: int | None = None, late: int = 0) -> State:
         n = len(self.storeys.sampled)
         size = self.designed.states if states is None else states
-        return State(np.zeros(n), np.zeros(5), np.zeros(size), np.zeros(REMEMBERED), np.zeros(n))
+        return State(np.zeros(n), np.zeros(5), np.zeros(size), np.zeros(REMEMBERED), np.zeros(n), np.zeros(late))
 
     def _converters(self, quantum: float, largest: float) -> Converters:
         spec, rate = self.bench.spec, self.bench.spec.sample_rate_hz
@@ -312,9 +397,14 @@ def _held(a: Array, b: Array, dt_s: float) -> tuple[Array, Array]:
     return whole[:n, :n].copy(), whole[:n, n:].copy()
 
 
-def _series(ground: tuple[Array, Array], noise: Array, storeys: int) -> Series:
+def _series(ground: tuple[Array, Array], noise: Array, storeys: int, adapted: int = 0) -> Series:
     n = len(noise)
-    return Series(*ground, noise, np.zeros((storeys, n)), np.zeros(n), np.zeros(n), np.zeros(n))
+    of_loop = np.zeros((storeys, n)), np.zeros(n), np.zeros(n), np.zeros(n)
+    return Series(*ground, noise, *of_loop, np.zeros((adapted, n)))
+
+
+def _from(series: Series, first: int) -> Series:
+    return Series(*(one[..., first:] for one in series))
 
 
 def _figures(bench: DisplacementBenchmark, reference: Array, own: Array, series: Series) -> dict[str, float]:

@@ -66,6 +66,19 @@ class NoiseDensities(Strict):
     force_psd: Annotated[float, Range(ge=0, le=1e9)] = Field(description="in N^2 s")
 
 
+class PlantChange(Strict):
+    """Hold what changes during the test, at one instant."""
+
+    at_s: Positive = Field(description="when")
+    specimen_stiffness_factor: Annotated[float, Range(gt=0, le=10)] = Field(
+        default=1.0, description="of the specimen's stiffness"
+    )
+    command_gain_factor: Annotated[float, Range(gt=0, le=10)] = Field(default=1.0, description="of the actuator's gain")
+    latency_samples: Annotated[int, Range(ge=0, le=50)] = Field(
+        default=0, description="by how many samples commands arrive later"
+    )
+
+
 class BenchmarkCompensator(Strict):
     """Hold a compensator of the table; its options, numbers, stand beside `kind`."""
 
@@ -76,6 +89,7 @@ class BenchmarkCompensator(Strict):
     name: str | None = Field(default=None, description="how it is named in tables; default: its kind")
     file: Path | None = Field(default=None, description="kind own: a Python file, whose code is run")
     sha256: str | None = Field(default=None, description="checksum of that file; default: as it is found")
+    frozen: bool = Field(default=False, description="whether the parameters of a law that adapts stay at their start")
     predict_force: bool = Field(
         default=False, description="whether the storeys get the force predicted by the identified specimen"
     )
@@ -109,6 +123,9 @@ class BenchmarkSpec(Strict):
     quantisation: Quantisation = Field(description="A/D and D/A")
     noise: NoiseDensities = Field(description="of the sensors")
     identified_band_hz: tuple[float, float] = Field(description="band over which the lag of the plant is averaged")
+    change: PlantChange | None = Field(
+        default=None, description="what changes during the test; figures are those from a second after it"
+    )
     plants: Annotated[int, Range(ge=1, le=MOST_PLANTS)] = Field(default=20, description="how many, the nominal one too")
     compensators: tuple[BenchmarkCompensator, ...] = Field(min_length=1, description="those of the table")
 

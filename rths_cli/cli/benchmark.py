@@ -30,7 +30,21 @@ LIST = "list"
 @click.option("--noise-free", is_flag=True, help="Sensors without noise; the converters round all the same.")
 @click.option("--record", metavar="NAME|FILE", help="Another ground motion.")
 @click.option("--scaling", type=Number(min=0, min_open=True, max=100), metavar="FACTOR", help="Its factor.")
+@click.option(
+    "--change",
+    "changes",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="What changes during the test, as in the file's change: at_s=10, specimen_stiffness_factor=0.7, "
+    "command_gain_factor=1.1, latency_samples=1. Laws that adapt are played frozen too. Repeatable.",
+)
 @click.option("--critical-delays", is_flag=True, help="Print the critical delay of each case, and play nothing.")
+@click.option(
+    "--responses",
+    type=FILE,
+    metavar="FILE",
+    help="Draw frequency response and step response of every compensator (.pdf, .svg, .png), and play nothing.",
+)
 @click.option("--jobs", type=click.IntRange(1, 1024), help="Runs at a time [default: the number of cores].")
 @click.option("--output", type=FILE, metavar="FILE", help="File of the rows [default: benchmarks/NAME.jsonl].")
 @click.option("--table", type=FILE, metavar="FILE", help="Write the tables too: .tex, .md, .html or .txt.")
@@ -47,7 +61,9 @@ def benchmark(
     noise_free: bool,
     record: str | None,
     scaling: float | None,
+    changes: tuple[str, ...],
     critical_delays: bool,
+    responses: Path | None,
     jobs: int | None,
     output: Path | None,
     table: Path | None,
@@ -84,7 +100,7 @@ def benchmark(
 
     request = BenchmarkRequest(
         name, cases, compensators, plants, seed, noise_free, record, scaling, output, jobs or threads(), resume,
-        not no_replace,
+        not no_replace, changes,
     )  # fmt: skip
     with screen.reading("starting"):
         if critical_delays:
@@ -94,6 +110,16 @@ def benchmark(
                 click.echo(json.dumps({"benchmark": name, "critical_delays_ms": delays(bench)}, indent=2))
             else:
                 show_page(lambda: delays_page(bench))
+            return 0
+        if responses is not None:
+            check_output("--responses", responses, [], not no_replace)
+            from rths_cli.benchmark.responses import followed
+            from rths_cli.report.compensator_figure import write_responses
+
+            drawn = followed(benchmark_of(request))
+            write_responses(drawn, responses)
+            screen.clear()
+            click.echo(f"{responses}: {len(drawn)} compensators")
             return 0
         if table is not None:
             check_table(table)

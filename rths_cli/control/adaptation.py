@@ -1,5 +1,8 @@
 """What adaptive compensators share: a low pass, least squares of three parameters with a memory that fades, limits.
 
+A law says which parameters move: `ADAPTS`, their names and units, the last states of the law (as what they differ from
+their start), and `bounds`. The step holds every such law to it (loop.adapted_states), whatever the law does itself.
+
 Everything is at rest at zero, as the contract of a compensator wants it: parameters are kept as what they differ from
 their start, and the mean squares of the regressors begin at none.
 """

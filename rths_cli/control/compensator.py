@@ -14,6 +14,12 @@ and unless the design gives a block, one of
     def command(parameters, state, next_state, desired, measured, sent): ...            -> the command in V
     class Compensator: __init__(parameters), state (n,), command(desired, measured, sent)
 
+A law that adapts states which of its numbers move, the last of its state (control.interface.Adapted):
+
+    ADAPTS = {"gain": "V/m"}                                                            names and units
+    def bounds(parameters, dt_s): ...           -> start, least, most, largest change in a second, of each
+    def linear(parameters, dt_s, adapted): ...  -> A, B, C, D at these values
+
 docs/howto/own_controller.md is the manual. A law that is linear becomes its block (control.law_block) and runs as one;
 another one runs as compiled code, or where numba cannot compile it in Python.
 """
@@ -37,7 +43,7 @@ import numpy as np
 from rths_cli.case.compensator_schema import OWN, STATE_SPACE, built_in_compensators
 from rths_cli.case.plugin_interface import COMPENSATORS
 from rths_cli.control.block_files import placed_block, read_block
-from rths_cli.control.interface import PartDesign, not_judged
+from rths_cli.control.interface import Adapted, Logged, PartDesign, not_judged
 from rths_cli.control.law_block import Law, declared_block, derived_block, samples_of_motion, with_sent_before
 from rths_cli.control.law_trial import code_and_block
 from rths_cli.control.python_parts import PythonFeedforward
@@ -150,7 +156,9 @@ class Definition:
     design: Callable[[Plant, dict[str, float | None]], Any] | None
     command: Callable[..., float] | None
     made: Callable[[Array], Any] | None
-    linear: Callable[[Array, float], Any] | None
+    linear: Callable[..., Any] | None
+    adapts: Mapping[str, str]
+    bounds: Callable[[Array, float], Any] | None
     module: ModuleType
     loaded: Mapping[str, Any]  # what the module's variables held at first
 
@@ -182,7 +190,7 @@ class Definition:
 @dataclass(frozen=True)
 class CompiledLaw:
     """The design of a compensator that is not linear, as compiled code; `judged`: its linear block, which it declares
-    itself where `declares`."""
+    itself where `declares`; `at`: the same with other values of the parameters that move, `adapted`."""
 
     name: str
     function: UserFunction
@@ -192,8 +200,14 @@ class CompiledLaw:
     declares: bool = False
     affine: bool = True
     linear: bool = False
-    logs: tuple[()] = ()
+    adapted: Adapted | None = None
+    at: Callable[[Array], Block] | None = field(default=None, compare=False)
     multiplications: int = 0
+
+    @property
+    def logs(self) -> tuple[Logged, ...]:
+        """Return the parameters that move: the log has their values."""
+        return () if self.adapted is None else tuple(map(Logged, self.adapted.names, self.adapted.units))
 
     def linearised(self, at: Array | None = None) -> Block:
         """Return the declared linear block; raises InputError where there is none."""
@@ -282,6 +296,7 @@ def _of_module(module: ModuleType, who: str, text: str) -> Definition:
     design, command, made, linear = (
         getattr(module, name, None) for name in ("design", "command", "Compensator", "linear")
     )
+    adapts, bounds = getattr(module, "ADAPTS", {}), getattr(module, "bounds", None)
     states, options = getattr(module, "STATES", 0), getattr(module, "OPTIONS", {})
     faults = list(_faults_of_options(options))
     if command is not None and (not inspect.isfunction(command) or len(inspect.signature(command).parameters) != 6):
@@ -292,13 +307,16 @@ def _of_module(module: ModuleType, who: str, text: str) -> Definition:
         faults.append(f"STATES must be a whole number from 0 to {MOST_STATES}")
     faults += [f"{name} must be a function" for name, one in (("design", design), ("linear", linear))
                if one is not None and not callable(one)]  # fmt: skip
+    faults += _faults_of_adapting(adapts, bounds, command, linear, states)
     if clocks := ", ".join(sorted(imported(text) & NEVER_TWICE_THE_SAME)):
         faults.append(f"imports {clocks}: what a law gives may not depend on clock or chance; remove it")
     if faults:
         raise InputError(*(f"{FIELD}: {who}: {fault}" for fault in faults))
     known = {name: Option(*one) for name, one in options.items()}
     source = str(getattr(module, "SOURCE", ""))
-    return Definition(who, text, source, known, states, design, command, made, linear, module, _at_first(module))
+    return Definition(
+        who, text, source, known, states, design, command, made, linear, adapts, bounds, module, _at_first(module)
+    )
 
 
 @lru_cache(maxsize=100)
@@ -318,6 +336,40 @@ def _faults_of_options(options: object) -> Sequence[str]:
         elif name in ("kind", "file", "sha256", "lead_samples") or not str(name).isidentifier():
             faults.append(f"OPTIONS: {name} cannot be a key of a case beside kind, file, sha256 and lead_samples")
     return faults
+
+
+def _faults_of_adapting(adapts: object, bounds: object, command: object, linear: object, states: object) -> list[str]:
+    """Return what a module lacks whose law adapts."""
+    if adapts == {}:
+        return []
+    if not isinstance(adapts, dict) or not all(isinstance(one, str) for pair in adapts.items() for one in pair):
+        return ['ADAPTS must be a mapping of names to units such as {"gain": "V/m"}']
+    if not all(callable(one) for one in (bounds, command, linear)):
+        return ["ADAPTS needs the functions command, bounds(parameters, dt_s) and linear(parameters, dt_s, adapted)"]
+    if not isinstance(states, int) or states < len(adapts):
+        return [f"ADAPTS has {len(adapts)} names, the last states of the law, and STATES is {states}"]
+    return []
+
+
+def adapted_of(definition: Definition, law: Law, dt_s: float) -> Adapted | None:
+    """Return the parameters of a law that move, None for one that does not adapt; raises InputError for bounds that
+    are none."""
+    if not definition.adapts:
+        return None
+    assert definition.bounds is not None
+    who, k = f"{FIELD}: {definition.who}", len(definition.adapts)
+    try:
+        numbers = np.array([np.asarray(one, float) for one in definition.bounds(law.parameters.copy(), dt_s)])
+    except Exception as error:  # whatever the user's code raises
+        raise InputError(f"{who}: bounds failed: {told(error)}") from error
+    shaped = numbers.shape == (4, k) and np.isfinite(numbers).all()
+    if not shaped or np.any(numbers[1] > numbers[0]) or np.any(numbers[0] > numbers[2]) or np.any(numbers[3] < 0.0):
+        raise InputError(
+            f"{who}: bounds must give start, least, most and largest change in a second, {k} finite numbers each, "
+            f"least <= start <= most; got {numbers.round(6).tolist()}"
+        )
+    start, least, most, rate = numbers
+    return Adapted(tuple(definition.adapts), tuple(definition.adapts.values()), start, least, most, rate * dt_s)
 
 
 def _is_range(default: object, least: object, most: object) -> bool:
@@ -404,18 +456,34 @@ def part_of_law(definition: Definition, law: Law, dt_s: float) -> PartDesign:
     derived = derived_block(law, dt_s)
     if derived is not None and not derived.B[:, -1].any() and not derived.D[:, -1].any():
         return placed_block(FIELD, without_sent(derived), dt_s, law.channels)
-    judged = None
+    judged, made_at, adapted = None, None, adapted_of(definition, law, dt_s)
     if derived is not None:
         judged = placed_block(FIELD, with_sent_before(derived), dt_s, law.channels)
     elif definition.linear is not None:
-        judged = placed_block(FIELD, declared_block(definition.linear, law, dt_s), dt_s, law.channels)
+        made_at = _placed_at(definition, law, dt_s)
+        judged = made_at(adapted.start) if adapted else made_at(None)
     function = compiled_function(definition, law)
     if told_of := definition.changed() or law.remembers():
         raise InputError(f"{FIELD}: {law.name}: {told_of}")
     if isinstance(function, UserFunction):
         _compiled_is_the_law(function, law)
-        return CompiledLaw(definition.who, function, law.parameters, law.states, judged, declares=derived is None)
+        return CompiledLaw(
+            definition.who, function, law.parameters, law.states, judged, declares=derived is None, adapted=adapted,
+            at=made_at,
+        )  # fmt: skip
+    if adapted is not None:
+        raise InputError(f"{FIELD}: {law.name}: a law that adapts (ADAPTS) must be compiled: {function}")
     return CalledLaw(definition.who, law.in_step, judged, remembers=1, declares=derived is None)
+
+
+def _placed_at(definition: Definition, law: Law, dt_s: float) -> Callable[[Array | None], Block]:
+    """Return what gives the declared block of a law at values of the parameters that move."""
+
+    def at(adapted: Array | None) -> Block:
+        assert definition.linear is not None
+        return placed_block(FIELD, declared_block(definition.linear, law, dt_s, adapted), dt_s, law.channels)
+
+    return at
 
 
 def _compiled_is_the_law(function: UserFunction, law: Law) -> None:

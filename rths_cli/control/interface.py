@@ -93,6 +93,24 @@ class Logged(NamedTuple):
     ahead: bool = False  # whether it belongs to k + n_p, as the desired motion does; the step sets it
 
 
+@dataclass(frozen=True, eq=False)
+class Adapted:
+    """The parameters of a law that move while the test runs: names, units, and (k,) start, least, most, and the largest
+    change in a sample. The law's last k states are what they differ from `start`."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    start: Array
+    least: Array
+    most: Array
+    rate: Array
+
+    @property
+    def limits(self) -> Array:
+        """Return least, most and largest change in a sample (3, k) of the differences from the start."""
+        return np.array([self.least - self.start, self.most - self.start, self.rate])
+
+
 @runtime_checkable
 class PartDesign(Protocol):
     """The design of a part of the step.

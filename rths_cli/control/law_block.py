@@ -254,11 +254,15 @@ def with_sent_before(block: Block) -> Block:
     return Block(block.name, a, b, c, block.D[:, :-1], block.dt_s, block.inputs[:-1], block.outputs)
 
 
-def declared_block(linear: Callable[[Array, float], Any], law: Law, dt_s: float) -> Block:
-    """Return the block that a law which is not linear declares, from desired motion and measured accelerations."""
-    names = (*DESIRED, *measured_names(law.channels))
+def declared_block(
+    linear: Callable[..., Any], law: Law, dt_s: float, adapted: Array | None = None, interface: str = "acceleration"
+) -> Block:
+    """Return the block that a law which is not linear declares, from desired motion and measured samples; `adapted`
+    (k,): with these values of the parameters that move."""
+    names = (*DESIRED, *measured_names(law.channels, interface))
+    at = () if adapted is None else (adapted.copy(),)
     try:
-        a, b, c, d = (np.asarray(one, dtype=float) for one in linear(law.parameters.copy(), dt_s))
+        a, b, c, d = (np.asarray(one, dtype=float) for one in linear(law.parameters.copy(), dt_s, *at))
         n, m = len(a), d.shape[-1]
         if d.shape != (1, m) or not len(DESIRED) <= m <= len(names):
             raise ValueError(f"D of shape {d.shape}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.keys_without_effect import unread_keys
+from rths_cli.experiment.adaptive_check import adaptive_verdict
 from rths_cli.experiment.check import range_assumption
 from rths_cli.experiment.design import is_driven
 from rths_cli.experiment.setup import place_of
@@ -55,7 +56,11 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
             found.append(Finding("assumption.program"))
     if design is not None:
         found += range_assumption(setup.case, design.blocks.counters_reaction)
-    if design is not None and getattr(design.blocks.feedforward, "declares", False):
+    adaptive = None if design is None or identified is None else adaptive_verdict(setup, identified, design)
+    if design is not None and adaptive is not None:
+        values = {"name": design.blocks.feedforward.name, "parameters": ", ".join(adaptive.names)}
+        found.append(Finding("assumption.adaptive", values | {"told": adaptive.told}))
+    elif design is not None and getattr(design.blocks.feedforward, "declares", False):
         found.append(Finding("assumption.compensator", {"name": design.blocks.feedforward.name}))
     if "numerical" in setup.parts:
         found.append(_of_own_storeys(setup))

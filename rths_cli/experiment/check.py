@@ -50,6 +50,7 @@ from rths_cli.control.program_storeys import ProgramStoreys
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
 from rths_cli.experiment import run_metrics
+from rths_cli.experiment.adaptive_check import adaptive_faults, adaptive_verdict
 from rths_cli.experiment.design import loop_faults, loop_parts, loop_stability, required_delay_s
 from rths_cli.experiment.one_table_run import drive_of
 from rths_cli.experiment.real_rig_readiness import guard_limits
@@ -524,6 +525,7 @@ def _judge_one(
     ends = stated_ends(setup.case, design.blocks.counters_reaction)
     tangents = tangent_verdicts(setup, identified, as_designed.blocks, whole, shared, ends)
     further = (*preflight.unseen(known), *faults_at_tangents(tangents), *transition_faults(whole, as_designed.blocks))
+    further += adaptive_faults(adaptive_verdict(setup, identified, as_designed)) if nominal else ()
     simulated, replay = None, None
     if stable is not None and whole.has_laws:
         played = replace(as_designed, blocks=as_designed.blocks.without_compensation())  # beside what it leaves

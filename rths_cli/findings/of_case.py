@@ -82,6 +82,7 @@ DESIGN = {
         "controller: {name} is not linear; the check judges the block that it declares, which holds for small motions "
         "at most, and not the law itself"
     ),
+    "assumption.adaptive": notes("controller: {name} adapts {parameters!w}: {told!w}"),
     "assumption.program": notes(
         "structure.numerical: the error budget of a run is that of the program's linear part; its total is measured"
     ),

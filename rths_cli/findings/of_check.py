@@ -36,6 +36,14 @@ LOOP = {
     "loop.delay": refuses(
         "the loop tolerates only {tolerated_s:.3g ms} of further delay, {required_s:.3g ms} are required; {advice}"
     ),
+    "loop.adaptive_point": refuses(
+        "the law adapts, and within the bounds of its parameters the loop is unstable: its spectral radius is "
+        "{spectral_radius:.6f} at {point!w}; narrow the bounds in its options"
+    ),
+    "loop.adaptive_switching": refuses(
+        "the law adapts, and with parameters that move within their bounds at their largest rate the simulated loop "
+        "is unstable (free motions grow {growth:.3g} times); narrow the bounds or lower the rates in its options"
+    ),
     "loop.transition": refuses(
         "structure.numerical.rate_hz: asked at this rate, the program leaves the mode at {mode_hz:.3g} Hz {left:.2f %} "
         "damping of {own:.2f %} ({where!w}); raise rate_hz, or lower compute_time_s if the program answers sooner"

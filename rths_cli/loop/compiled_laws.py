@@ -24,7 +24,7 @@ class CompiledCommand(NamedTuple):
     after: Array  # (n,) the next state
     desired: Array  # (3,) handed over
     measured: Array  # (c,) handed over
-    logged: Array  # nothing
+    logged: Array  # (k,) values of the parameters that move
 
     def feed_forward(self, motion: Array, corrected: Array, sent: Array, command: Array) -> None:
         """Write the command (1,) in V for the desired motion (3, 1), as parts.Feedforward."""
@@ -44,5 +44,5 @@ def compiled_command(design: CompiledLaw, interface: Interface, room: Room) -> C
     channels = interface.force.samples.shape[1]
     return CompiledCommand(
         design.function.address, design.parameters.copy(), room.take(design.states), np.zeros(design.states),
-        np.zeros(3), np.zeros(channels), np.zeros(0),
+        np.zeros(3), np.zeros(channels), np.zeros(len(design.logs)),
     )  # fmt: skip

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from rths_cli.loop.adapted_states import Held, hold
 from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.lti import Array, Integers
 from rths_cli.numerics.user_functions import call_command
@@ -47,6 +48,7 @@ class Law(NamedTuple):
     after: Array  # (n + 1,) the next state, and of a block the command
     desired: Array  # (3,) handed over
     measured: Array  # (2,) handed over
+    held: Held  # the parameters that move; its state is the law's
 
 
 class Converters(NamedTuple):
@@ -70,6 +72,7 @@ class State(NamedTuple):
     law: Array  # (n,)
     before: Array  # (REMEMBERED,)
     work: Array  # (2 n,)
+    late: Array  # (l,) commands on their way to the actuator, the next one first
 
 
 class Series(NamedTuple):
@@ -82,6 +85,7 @@ class Series(NamedTuple):
     moved: Array  # displacement of the actuator, m
     measured: Array  # the same with noise, m
     force: Array  # measured, N
+    adapted: Array  # (k, samples) of the parameters of a law that adapts
 
 
 @part
@@ -109,6 +113,18 @@ def _command(law: Law, state: Array, sent: float) -> float:
     for i in range(n):
         state[i] = law.after[i]
     return made
+
+
+@part
+def _arriving(late: Array, sent: float) -> float:
+    """Return the command that reaches the actuator, and move those on their way on."""
+    if late.size == 0:
+        return sent
+    first = late[0] + 0.0
+    for i in range(late.size - 1):
+        late[i] = late[i + 1] + 0.0
+    late[late.size - 1] = sent
+    return first
 
 
 @part
@@ -147,13 +163,18 @@ def play(
         law.desired[2] = _rounded(limited(x[0], made.range_m), made.quantum)
         law.measured[0] = _rounded(limited(series.measured[k], made.range_m), made.quantum)
         law.measured[1] = series.force[k]
-        before[SENT] = limited(_rounded(_command(law, state.law, before[SENT]), made.quantum), made.range_m)
+        wanted = _rounded(_command(law, state.law, before[SENT]), made.quantum)
+        hold(law.held, abs(law.held.wanted[0]) > made.range_m)
+        law.held.wanted[0] = wanted
+        for i in range(law.held.values.size):
+            series.adapted[i, k] = law.held.values[i]
+        before[SENT] = limited(wanted, made.range_m)
         force = before[FORCE_BEFORE]
         force += made.stiffness_n_per_m * (x[0] + 0.5 * made.dt_s * x[n] - before[DISP_BEFORE])
         force += made.damping_n_s_per_m * (x[n] + 0.5 * made.dt_s * accel - before[VELOCITY_BEFORE])
         force += 1.5 * made.mass_kg * (accel - before[ACCEL_BEFORE])
         before[FORCE_BEFORE], before[HELD] = series.force[k], force
         before[DISP_BEFORE], before[VELOCITY_BEFORE], before[ACCEL_BEFORE] = x[0], x[n], accel
-        advance(plant, state.actuator, before[SENT])
+        advance(plant, state.actuator, _arriving(state.late, before[SENT]))
         _advance_storeys(storeys, state, series.ground_mid[k], force)
     return end

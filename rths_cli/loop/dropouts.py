@@ -21,6 +21,7 @@ def bridge(s: Step) -> None:
     expects, the load cell of the base shear shows what they demand, and other channels keep their values. An
     excitation, and a step without lead, keep the last samples.
     """
+    s.held.lost[0] = 1.0
     if not bridges(s):
         return
     s.corrected[0] = s.recent[0, 0]

@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from rths_cli.loop.adapted_states import hold
 from rths_cli.loop.step_arrays import ACCELERATION, EXCITATION, NUMERICAL, Step
 from rths_cli.numerics.compiled import kept_part, part
 from rths_cli.numerics.lti import Array
@@ -84,7 +85,13 @@ def compensate(s: Step) -> None:
     The feedback's part is clipped so that the command stays in its range. A feedforward beyond the range is left to the
     guard; the feedback is not used to reduce it.
     """
+    frozen = s.held.lost[0] != 0.0
+    for a in range(len(s.actuators)):
+        off, wanted = s.sent[0, a] - s.held.wanted[a], s.held.wanted[a]
+        frozen = frozen or abs(off) > s.bit_v + 1e-9 * abs(wanted)
     s.feedforward.feed_forward(s.motion, s.accel, s.sent, s.forward)
+    hold(s.held, frozen)
+    s.held.lost[0] = 0.0
     for a in range(len(s.actuators)):
         limit, room = s.feedback_limit_v[a], s.command_limit_v[a]
         s.back_limits[0, a] = max(-limit, min(-room - s.forward[a], 0.0))
@@ -92,6 +99,7 @@ def compensate(s: Step) -> None:
     s.feedback.feed_back(s.error, s.back_limits[0], s.back_limits[1], s.back)
     for a in range(len(s.actuators)):
         s.command[a] = shape(s, a, s.forward[a] + s.back[a])
+        s.held.wanted[a] = s.command[a] + 0.0
 
 
 @part

@@ -14,6 +14,7 @@ from rths_cli.control.interface import COMMANDED, Interface, PartDesign
 from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
+from rths_cli.loop.adapted_states import Held, held
 from rths_cli.loop.compiled_laws import compiled_command
 from rths_cli.loop.linear_parts import (
     Channels,
@@ -99,6 +100,7 @@ class Step(NamedTuple):
     expected: Array  # (2, c) what the accelerometers must show by the desired and by the measured motion; 0: nothing
     accelerometers: int  # c
     cell: int  # place of the load cell of the base shear in `corrected`; -1: none
+    held: Held  # the parameters of a feedforward that adapts
     cell_reads: Array  # (c,) what it shows per m/s^2 of each accelerometer, in N
 
 
@@ -188,5 +190,11 @@ def _assembled(blocks: Blocks, source: int, room: Room) -> Step:
         expected=np.zeros((2, own)),
         accelerometers=own,
         cell=-1 if cell is None else own + cell.channel,
+        held=held(
+            getattr(blocks.feedforward, "adapted", None),
+            getattr(feedforward, "state", np.zeros(0)),
+            feedforward.logged,
+            commands,
+        ),
         cell_reads=np.zeros(own) if cell is None else cell.reads.copy(),
     )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rths_cli.benchmark.campaign import Benchmarked, BenchmarkRow
-from rths_cli.benchmark.displacement import ROW, DisplacementBenchmark, critical_delay_s
+from rths_cli.benchmark.displacement import ROW, SETTLED_S, DisplacementBenchmark, critical_delay_s
 from rths_cli.benchmark.ranking import Standing, contradicted, half_interval, has_failed, standings
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import written_whole
@@ -48,7 +48,7 @@ def document(made: Benchmarked) -> Document:
     order = standings(made)
     return [
         [verdict_line(verdict(made, order)), *notes(made)],
-        [_ranking(order)],
+        [_ranking(order), *map(Line, adapting(made))],
         *([_case_table(made, case.name, order)] for case in made.bench.spec.cases),
         [Line(one) for one in LEGEND],
         [_delays(made.bench)],
@@ -84,6 +84,10 @@ def notes(made: Benchmarked) -> list[Block]:
         f"{spec.heading}; {spec.ground_motion_factor:g} x {spec.ground_motion}, seed {seed}, {noise}, force clipped at "
         f"{spec.actuator.force_limit_n:g} N"
     ]
+    if made.bench.change is not None:
+        stated = made.bench.change.model_dump(exclude_defaults=True).items()
+        changed = ", ".join(f"{key} {value:g}" for key, value in stated)
+        told.append(f"the plant changes ({changed}); every figure is that from {SETTLED_S:g} s after it")
     if negative:
         told.append(f"a_3 < 0 in {negative} of {spec.plants} plants: kept as drawn, the feedback stabilises the plant")
     if clipped:
@@ -91,6 +95,17 @@ def notes(made: Benchmarked) -> list[Block]:
     if wrong := contradicted(made.rows, made.adapting):
         told.append(f"{len(wrong)} runs diverged although their linear loop is stable: see the rows")
     return [Line(one) for one in told]
+
+
+def adapting(made: Benchmarked) -> list[str]:
+    """Return what is known of each law that adapts, a sentence for all cases of which the same is known."""
+    told = []
+    for label, cases in made.adaptive.items():
+        same: dict[str, list[str]] = {}
+        for case, verdict in cases.items():
+            same.setdefault(verdict.told, []).append(case)
+        told += [f"{label}, case {', '.join(where)}, nominal plant: {what}" for what, where in same.items()]
+    return told
 
 
 def _ranking(order: Sequence[Standing]) -> Table:
@@ -168,6 +183,7 @@ def as_json(made: Benchmarked) -> dict[str, Any]:
             }
             for one in order
         ],
+        "adapting": adapting(made),
         "cases": {case.name: list(_means(made, case.name, order)) for case in made.bench.spec.cases},
         "rows": [_row(row) for row in made.rows],
         "file": str(made.path),

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import cont2discrete, lsim, ss2tf
 
 from rths_cli.benchmark.displacement import CaseRuns, DisplacementBenchmark, critical_delay_s
-from rths_cli.case.benchmark_schema import BenchmarkCase, BenchmarkCompensator, BenchmarkSpec
+from rths_cli.case.benchmark_schema import BenchmarkCase, BenchmarkCompensator, BenchmarkSpec, PlantChange
 from rths_cli.case.load import load_benchmark
 from rths_cli.case.shipped_files import shipped
 from rths_cli.files.accelerograms import read_accelerogram
@@ -211,3 +211,58 @@ def test_noise_is_one_draw_for_both_sensors() -> None:
     assert np.array_equal(quiet.measured, quiet.moved)
     first = 800  # the floors have hardly moved; what the actuator answers to noise is slow
     assert np.corrcoef(np.diff(series.force[:first]), np.diff(noise[:first]))[0, 1] > 0.9
+
+
+def changed(keys: dict[str, float], frozen: bool = False, **more: float) -> CaseRuns:
+    spec = SPEC.model_copy(update={"change": PlantChange.model_validate({"at_s": 4.0, **keys})})
+    made = bench(noise_free=True, seconds=8.0, spec=spec)
+    stated = {"kind": "predictive_adaptive", "predict_force": True, "frozen": frozen, **more}
+    designed = made.designed(BenchmarkCompensator.model_validate(stated))
+    return CaseRuns(made, CASES["1"], made.storeys(CASES["1"]), made.reference(CASES["1"]), designed)
+
+
+def test_the_reference_changes_with_the_specimen() -> None:
+    """Half of the specimen's stiffness gone at 4 s: the same as the matrix exponential, sample by sample."""
+    made = changed({"specimen_stiffness_factor": 0.5}).bench
+    whole = made.matrices(CASES["1"])
+    n, state, wanted = 3, np.zeros(6), np.zeros((3, len(made.ground[1])))
+    steps = []
+    for factor in (1.0, 0.5):
+        K = whole.K.copy()
+        K[0, 0] -= (1.0 - factor) * SPEC.specimen.stiffness_n_per_m
+        a = np.block(
+            [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(whole.M, K), -np.linalg.solve(whole.M, whole.C)]]
+        )
+        steps.append(cont2discrete((a, np.r_[np.zeros(n), -np.ones(n)][:, None], np.eye(6), 0), made.dt_s)[:2])
+    for k, ground in enumerate(made.ground[1]):
+        wanted[:, k] = state[:n]
+        a, b = steps[k >= 4 * 4096]
+        state = a @ state + b[:, 0] * ground
+    assert np.abs(made.reference(CASES["1"]) - wanted).max() < 1e-9 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("keys", [{"command_gain_factor": 1.1}, {"latency_samples": 1}])
+def test_a_law_that_adapts_halves_the_error_of_a_change(keys: dict[str, float]) -> None:
+    """Its parameters are bounded and rate-limited, a frozen one's stay at their start; the gain is found: 1 / 1.1."""
+    law, still = changed(keys, memory_s=0.5), changed(keys, frozen=True)
+    assert law.row(0, 0)["error_percent"] < 0.5 * still.row(0, 0)["error_percent"]
+    values, kept = law.played(0, 0)[0].adapted, still.played(0, 0)[0].adapted
+    adapted = law.designed.adapted
+    assert adapted is not None and np.all(kept == adapted.start[:, None])
+    assert np.all(values >= adapted.least[:, None] - 1e-12) and np.all(values <= adapted.most[:, None] + 1e-12)
+    steps = np.abs(np.diff(values, axis=1)).max(axis=1)
+    assert np.all(steps <= adapted.rate * (1.0 + 1e-9)) and np.all(steps > 0.0)
+    if "command_gain_factor" in keys:
+        assert values[0, -1] == pytest.approx(1.0 / 1.1, abs=0.03)
+
+
+def test_parameters_stay_while_the_command_is_clipped() -> None:
+    """A range of 1 mm clips a fifth of the commands: behind a clipped one no parameter moves."""
+    law = changed({"command_gain_factor": 1.1}, low_pass_s=0.001)
+    spec = law.bench.spec
+    small = spec.model_copy(update={"quantisation": spec.quantisation.model_copy(update={"range": 1e-3})})
+    clipped = replace(law, bench=replace(law.bench, spec=small))
+    series, _ = clipped.played(0, 0)
+    free = law.played(0, 0)[0].adapted
+    still = np.all(np.diff(series.adapted, axis=1) == 0.0, axis=0)
+    assert still.mean() > np.all(np.diff(free, axis=1) == 0.0, axis=0).mean() + 0.15

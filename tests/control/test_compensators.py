@@ -492,7 +492,7 @@ def test_adaptive_compensators_follow_an_actuator_that_is_another_one(kind: str,
     assert errors[0] < 0.2 * errors[1]
 
 
-@pytest.mark.parametrize("kind", ["pi_lead", "ats", "ats_conditional", "amb", "predictive_adaptive"])
+@pytest.mark.parametrize("kind", ["pi_lead", "ats", "ats_conditional", "amb"])
 def test_what_needs_the_displacement_refuses_a_table_of_which_accelerations_are_measured(kind: str) -> None:
     with pytest.raises(InputError, match=rf"controller: {kind} uses the measured displacement of an actuator"):
         designed(kind, {})

@@ -8,7 +8,7 @@ moving window on average. The parameters are bounded, change no faster than stat
 actuator moves less than `least_m`.
 
 It needs a measured displacement. Noise of that displacement makes the parameters too small where the motion is small.
-No block can stand for all of its parameters: it is judged at its start.
+The check judges it over the range of its parameters, in which its command is affine.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ OPTIONS = {
     "low_pass_hz": (20.0, 1.0, 200.0, "corner of the low pass, Butterworth of fourth order"),
     "least_m": (1e-5, 1e-9, 1.0, "rms motion below which the parameters stay near their start"),
 }
+ADAPTS = {"a_0": "", "a_1": "s", "a_2": "s^2"}
 STATES = 22  # two low passes (8), displacement before (2), means (9), parameters less their start (3)
 
 
@@ -90,7 +91,12 @@ def followed(
     return made + (p[2] + next_state[21]) * desired[0]
 
 
-def linear(parameters: Array, dt_s: float) -> tuple[Any, Any, Any, Any]:
-    """Return the law at its start, without a state."""
+def bounds(parameters: Array, dt_s: float) -> tuple[Array, Array, Array, Array]:
+    """Return start, least, most and largest change in a second of a_0, a_1, a_2."""
+    return parameters[:3], parameters[3:6], parameters[6:9], parameters[9:12] / dt_s
+
+
+def linear(parameters: Array, dt_s: float, adapted: Array) -> tuple[Any, Any, Any, Any]:
+    """Return the law, without a state, at the parameters `adapted`."""
     none = np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((1, 0))
-    return *none, parameters[[2, 1, 0]].reshape(1, 3)
+    return *none, adapted[[2, 1, 0]].reshape(1, 3)

@@ -11,13 +11,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rths_cli.control.compensators import ats
-from rths_cli.control.compensators.ats import followed, linear
+from rths_cli.control.compensators.ats import ADAPTS, bounds, followed, linear
 from rths_cli.numerics.lti import Array
 
 if TYPE_CHECKING:
     from rths_cli.control.compensator import Plant
 
-__all__ = ["OPTIONS", "SOURCE", "STATES", "command", "design", "linear"]
+__all__ = ["ADAPTS", "OPTIONS", "SOURCE", "STATES", "bounds", "command", "design", "linear"]
 
 SOURCE = (
     "A. Palacio-Betancur, M. Gutierrez Soto: Adaptive tracking control for real-time hybrid simulation of structures "

@@ -13,6 +13,7 @@ from dataclasses import fields
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.linalg import solveh_banded
 
 from rths_cli.analysis.sim import LawHistory, Response, base_shear_n, check_size, checked_record
 from rths_cli.analysis.sim_delay import DelayedResponse
@@ -67,10 +68,36 @@ def _solved(building: Building, dt_s: float, record: Array) -> tuple[Array, floa
     of_program = _by_opensees if building.program.description.kind == "opensees" else _explicit
 
     def solve(every: int, steps: int) -> Array:
-        """Return the response to each `every`-th sample, with some steps to a sample."""
-        return of_program(building, every * dt_s, steps, record[::every])
+        """Return the response at each `every`-th sample with absolute accelerations, some steps to such a sample."""
+        ground = _coarser(record, every)
+        found = of_program(building, every * dt_s, steps, ground)
+        found[2] += ground
+        return found
 
-    return _refined(solve, _first(building, dt_s))
+    found, error = _refined(solve, _first(building, dt_s))
+    found[2] -= record
+    return found, error
+
+
+def _coarser(record: Array, every: int) -> Array:
+    """Return the record at each `every`-th sample, a power of two, whose straight lines are nearest to those of the
+    record in the mean square: what lies between the samples has its effect."""
+    while every > 1:
+        n = len(record)
+        whole = np.append(record, record[-1:]) if n % 2 == 0 else record
+        sums = 4.0 * whole
+        sums[1:] += whole[:-1]
+        sums[:-1] += whole[1:]
+        sums[[0, -1]] -= 2.0 * whole[[0, -1]]  # half an element at the ends
+        load = sums[::2].copy()
+        load[1:] += 0.5 * sums[1::2]
+        load[:-1] += 0.5 * sums[1::2]
+        bands = np.vstack([np.full(len(load), 8.0), np.full(len(load), 2.0)])
+        bands[0, [0, -1]] = 4.0
+        record = solveh_banded(bands, load, lower=True)
+        every //= 2
+        record = record[: (n + 1) // 2]
+    return record
 
 
 def _check_specimen(building: Building) -> None:
@@ -96,7 +123,7 @@ def _first(building: Building, dt_s: float) -> int:
 
 def _refined(solve: Callable[[int, int], Array], first: int) -> tuple[Array, float]:
     """Return a response (., ., n), and its error relative to the peaks, from steps that were halved until what is
-    extrapolated from the last two is accurate; the first ones see every fourth and every second sample alone."""
+    extrapolated from the last two is accurate; the first ones are at every fourth and every second sample."""
     coarse, fine, steps = solve(2, first), solve(1, first), first
     before, found = _extrapolated(solve(4, first), coarse), _extrapolated(coarse, fine)
     error = _change(found[..., ::2], before)
@@ -228,8 +255,10 @@ def _delayed(building: Building, dt_s: float, record: Array, delay_s: float, sim
     largest = RUNAWAY * max(float(np.abs(sim.abs_accel_m_s2).max()), 1e-3)
     first, n = _first(building, dt_s), len(record)
     every = 1 if first > 1 else _samples_at_a_step(building, dt_s, delay_s)
-    coarse, coarse_shear, end = _divided(building, 2 * every * dt_s, first, record[:: 2 * every], delay_s, largest)
-    fine, fine_shear, known = _divided(building, every * dt_s, first, record[::every], delay_s, largest)
+    coarse, coarse_shear, end = _divided(
+        building, 2 * every * dt_s, first, _coarser(record, 2 * every), delay_s, largest
+    )
+    fine, fine_shear, known = _divided(building, every * dt_s, first, _coarser(record, every), delay_s, largest)
     both = min(end, (known + 1) // 2)
     error = _change(fine[..., : 2 * both : 2], coarse[..., :both])
     if known == fine.shape[-1] and end == coarse.shape[-1]:

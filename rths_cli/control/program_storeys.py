@@ -30,7 +30,7 @@ from rths_cli.structure.storey_laws import Laws
 
 WHOLE = 1e-6  # by which the sample rate may miss a whole multiple of the program's rate
 LONGEST_HOLD = 4  # intervals without an answer beyond which the test is stopped
-EXTRAPOLATED = "program_extrapolated"
+EXTRAPOLATED, LATE, SLOWED = "program_extrapolated", "program_late_s", "program_slowed"  # what is logged
 
 
 Logger = Callable[[Array, Array], Array]
@@ -86,11 +86,13 @@ class RateTransition:
         self._ahead, self._inputs_ahead = np.arange(1, ahead + 1), np.zeros((ahead, 2 + p))
         self._prediction = _prediction(plan.block, p, ahead)
         self.logs = logged
-        self.logged = np.zeros(p + 1)
+        self.logged = np.zeros(p + 3)
 
     def free(self, ground: Array) -> Array:
         """Return the absolute acceleration (1,) of the interface without interface force; take an answer due."""
+        self.logged[-2:] = 0.0
         if self.step == self.due:
+            self.logged[-2] = (self.due - self.due_at_best) * self.plan.block.dt_s
             self._take()
         elif self.due >= 0 and self.step - self.due_at_best > LONGEST_HOLD * self.plan.every:
             raise ProgramFault(
@@ -109,8 +111,11 @@ class RateTransition:
         motion = np.array([[made[3 * p - 1]], [made[2 * p - 1] + ground[1]], [made[p - 1] + ground[2]]])
         self._log(made[:p])
         self.state[:] = block.A @ self.state + block.B @ self.inputs
-        if self.step % self.plan.every == 0 and self.due < 0:
-            self._request(ground[0], float(force[0]))
+        if self.step % self.plan.every == 0:
+            if self.due < 0:
+                self._request(ground[0], float(force[0]))
+            else:
+                self.logged[-1] = 1.0
         self._go_on()
         self.force_before[0] = force[0]
         self.step += 1
@@ -281,7 +286,8 @@ def _design(building: Building, plan: Transition, judged: Block | None) -> Progr
         running.append(made)
         return made
 
-    logs = (*(Logged(f"{LAW_FORCE}{i + 1}_n", "N") for i in range(p)), Logged(EXTRAPOLATED, "1"))
+    forces = (Logged(f"{LAW_FORCE}{i + 1}_n", "N") for i in range(p))
+    logs = (*forces, Logged(EXTRAPOLATED, "1"), Logged(LATE, "s"), Logged(SLOWED, "1"))
     return ProgramStoreys(
         "numerical", make, judged, logs, building=building, numerical=building.numerical, laws=building.laws, plan=plan,
         running=running,

@@ -299,7 +299,7 @@ def simulated_test(
     size = test.errors(sim.abs_accel_m_s2, none).storeys
     faults = tuple(_far_off(total.storeys, size))
     if building.has_program:  # asked once for each cause, it would take minutes: causes are those of its linear part
-        return Simulated(faults, reach, at_rest.causes, total, response)
+        return Simulated(faults, reach, dict(at_rest.causes), total, response)
     model = test.play(rig.plant, quiet, Disturbed(wanted["model"]), never)
     friction = test.play(rig.plant, quiet, Disturbed(with_friction), never)
     noisy = test.play(rig.plant, quiet, Disturbed(with_noise), never) if noise.any() else friction

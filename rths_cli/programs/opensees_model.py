@@ -69,7 +69,7 @@ class OpenSeesModel:
         self.floors = tuple(f"node {node}" for node in self._nodes)
         self._apply_gravity()
         self._at_rest = self._displacements()
-        self._prescribe(("Transformation",))
+        self._prescribe(("Lagrange",))
         self._tied, self._ties, self._forces_at_rest = self._find_ties()
 
     def _build(self) -> None:

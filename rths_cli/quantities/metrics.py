@@ -96,6 +96,7 @@ def declared() -> Iterator[Quantity]:
     found = (
         *_of_table(),
         *_of_losses(),
+        *_of_answers(),
         *_of_recordings(),
         *_of_response(),
         *_against_sim(),
@@ -185,6 +186,17 @@ def _of_losses() -> Iterator[Quantity]:
         yield Quantity(f"{run}.mixed_steps", "1", "", NONE, mixed)
         gap = "longest time without samples of the right instant, on a real rig"
         yield Quantity(f"{run}.longest_gap_s", "s", "", NONE, gap)
+
+
+def _of_answers() -> Iterator[Quantity]:
+    only = "simulated time, where a program computes storeys"
+    for name, units, text in (
+        ("program_late_answers", "1", "answers that came later than compute_time_s"),
+        ("program_slow_downs", "1", "requests left out because the answer before was still to come"),
+        ("program_extrapolations", "1", "times that the residual force went on beyond its interval"),
+        ("program_latest_s", "s", "largest time by which an answer was late"),
+    ):
+        yield Quantity(f"exp_rths.{name}", units, "", NONE, f"{text} ({only})")
 
 
 def _of_response() -> Iterator[Quantity]:

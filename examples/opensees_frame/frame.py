@@ -9,7 +9,7 @@ import openseespy.opensees as ops
 STOREYS, BAYS = 3, 2
 HEIGHT_MM, SPAN_MM, WIDTH_MM = 300.0, 400.0, 20.0
 COLUMN_MM, BEAM_MM = 5.0, 8.0  # thickness of the strips
-MODULUS, YIELD, HARDENING = 7.0e4, 25.0, 0.02  # N/mm^2, N/mm^2, of the modulus
+MODULUS, YIELD, HARDENING = 7.0e4, 30.0, 0.02  # N/mm^2, N/mm^2, of the modulus
 FLOOR_T = 6.93e-3
 LAYERS, POINTS = 8, 3  # fibres over the thickness, integration points
 

@@ -53,4 +53,4 @@ def step_time_note(building: Building, sim: Response) -> tuple[Finding, ...]:
         "half_s": float(half), "most_s": float(most), "longest_s": float(taken.max()), "stated_s": program.answer_s,
         "missed": float(np.mean(taken > program.answer_s)),
     }  # fmt: skip
-    return (Finding("program.step_times", values),)
+    return (Finding("assumption.step_times", values),)

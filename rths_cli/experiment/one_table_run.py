@@ -200,7 +200,8 @@ def run_of(
     if drift is not None and drift.any and expected is not None:
         warnings = run_signals.findings_of(kind.label, drift, setup, lead_samples)
         series = without_drift(series, drift.removed, lead_samples, expected.estimator)
-    warnings += answer_findings(kind.name, kind.label, answer_metrics(kind.name, series))
+    if kind.source == NUMERICAL:
+        warnings += answer_findings(kind.name, kind.label, answer_metrics(kind.name, series))
     every_storey_is_measured = len(setup.building.numerical.masses_kg) == 1
     building = None
     if kind.source == NUMERICAL and not (only_accelerations and every_storey_is_measured):
@@ -230,7 +231,8 @@ def evaluated(
     values: dict[str, ArrayLike] = {}
     if found := lost_samples.of_live(run.series.live, setup.rig.dt_s):
         values |= lost_samples.lost_sample_metrics(run.kind.name, found)
-    values |= answer_metrics(run.kind.name, run.series)
+    if run.kind.source == NUMERICAL:
+        values |= answer_metrics(run.kind.name, run.series)
     if run.stopped is not None:
         return replace(run, metrics=values)
     values |= metrics_of_record(run, setup, sim)

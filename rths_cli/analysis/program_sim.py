@@ -1,6 +1,6 @@
 """SIM and SIM-DELAY of a building whose computed floors are a program.
 
-SIM of an OpenSees model is monolithic: OpenSees integrates the whole building, the experimental floors added as masses
+SIM of an OpenSees model with one floor is monolithic: OpenSees integrates the whole building, the experimental floors added as masses
 and zero-length elements. Any other program is asked at every step of an explicit integration, and so is every program
 in SIM-DELAY (programs/integration.py). Steps are halved and the responses extrapolated, as for a method of second order
 (Richardson), until the response converges. One process solves a response once, whoever asks for it.
@@ -65,7 +65,9 @@ def _asked(building: Building, dt_s: float, record: Array, *further: object) -> 
 def _solved(building: Building, dt_s: float, record: Array) -> tuple[Array, float]:
     """Return the response (3, q, n) relative to the ground, and its error."""
     assert building.program is not None
-    of_program = _by_opensees if building.program.description.kind == "opensees" else _explicit
+    # dashpots between two floors of a model have no effect in OpenSees as _connect adds them: issue 51
+    monolithic = building.program.description.kind == "opensees" and len(building.numerical.masses_kg) == 1
+    of_program = _by_opensees if monolithic else _explicit
 
     def solve(every: int, steps: int) -> Array:
         """Return the response at each `every`-th sample with absolute accelerations, some steps to such a sample."""

@@ -98,7 +98,8 @@ def test_the_pages_that_are_run_as_written_are_these() -> None:
     }
     own = {f"howto/own_{name}.md" for name in ("controller", "law", "record", "table")}
     background = {f"background/{name}.md" for name in ("similitude", "substructures")}
-    tutorials = {f"tutorial/{name}.md" for name in ("first_run", "yielding_storey", "yielding_frame", "base_isolated_building")}
+    names = ("first_run", "yielding_storey", "yielding_frame", "base_isolated_building")
+    tutorials = {f"tutorial/{name}.md" for name in names}
     others = {*tutorials, "reference/paper_tables.md"}
     assert {at(page) for page in STORIES} == others | howto | own | background
 

@@ -1,8 +1,8 @@
 """SIM and SIM-DELAY of a building whose computed floors are a program.
 
 SIM of an OpenSees model with one floor is monolithic: OpenSees integrates the whole building, experimental floors as
-masses and zero-length elements. Any other program is asked at every step of an explicit steps, as is
-in SIM-DELAY (programs/integration.py). Steps are halved and the responses extrapolated, as for a method of second order
+masses and zero-length elements. Any other program is asked at explicit steps, as every one is in
+SIM-DELAY (programs/integration.py). Steps are halved and the responses extrapolated, as for a method of second order
 (Richardson), until the response converges. One process solves a response once, whoever asks for it.
 """
 

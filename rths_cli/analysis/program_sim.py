@@ -65,7 +65,7 @@ def _asked(building: Building, dt_s: float, record: Array, *further: object) -> 
 def _solved(building: Building, dt_s: float, record: Array) -> tuple[Array, float]:
     """Return the response (3, q, n) relative to the ground, and its error."""
     assert building.program is not None
-    # with several floors and dashpots the monolithic model of OpenSees is 7 % off the exact SIM, cause unknown: issue 51
+    # with several floors and dashpots the monolithic model is 7 % off the exact SIM, cause unknown: issue 51
     monolithic = building.program.description.kind == "opensees" and len(building.numerical.masses_kg) == 1
     of_program = _by_opensees if monolithic else _explicit
 

@@ -30,7 +30,7 @@ from rths_cli.structure.storey_laws import Laws
 
 WHOLE = 1e-6  # by which the sample rate may miss a whole multiple of the program's rate
 LONGEST_HOLD = 4  # intervals without an answer beyond which the test is stopped
-EXTRAPOLATED = "program_extrapolated"
+EXTRAPOLATED, LATE, SLOWED = "program_extrapolated", "program_late_s", "program_slowed"  # what is logged
 
 
 Logger = Callable[[Array, Array], Array]
@@ -81,19 +81,25 @@ class RateTransition:
         self.left = 2 * plan.every  # samples for which the line goes on
         self.stalls = list(plan.stalls)
         self.direct = plan.block.D[-1:, 1:2].copy()
+        self.inputs = np.zeros(2 + p)
+        ahead = plan.answer + plan.every
+        self._ahead, self._inputs_ahead = np.arange(1, ahead + 1), np.zeros((ahead, 2 + p))
+        self._prediction = _prediction(plan.block, p, ahead)
         self.logs = logged
-        self.logged = np.zeros(p + 1)
+        self.logged = np.zeros(p + 3)
 
     def free(self, ground: Array) -> Array:
         """Return the absolute acceleration (1,) of the interface without interface force; take an answer due."""
+        self.logged[-2:] = 0.0
         if self.step == self.due:
+            self.logged[-2] = (self.due - self.due_at_best) * self.plan.block.dt_s
             self._take()
         elif self.due >= 0 and self.step - self.due_at_best > LONGEST_HOLD * self.plan.every:
             raise ProgramFault(
                 f"{self.name} has not answered for {self.step - self.due_at_best} samples beyond what an answer takes, "
                 f"the limit is {LONGEST_HOLD} of its intervals, {LONGEST_HOLD * self.plan.every} samples"
             )
-        self.inputs = np.concatenate([[ground[0], 0.0], self.residual])
+        self.inputs[0], self.inputs[1], self.inputs[2:] = ground[0], 0.0, self.residual
         self.made = self.plan.block.C @ self.state + self.plan.block.D @ self.inputs
         return self.made[-1:].copy()
 
@@ -105,8 +111,11 @@ class RateTransition:
         motion = np.array([[made[3 * p - 1]], [made[2 * p - 1] + ground[1]], [made[p - 1] + ground[2]]])
         self._log(made[:p])
         self.state[:] = block.A @ self.state + block.B @ self.inputs
-        if self.step % self.plan.every == 0 and self.due < 0:
-            self._request(ground[0], float(force[0]))
+        if self.step % self.plan.every == 0:
+            if self.due < 0:
+                self._request(ground[0], float(force[0]))
+            else:
+                self.logged[-1] = 1.0
         self._go_on()
         self.force_before[0] = force[0]
         self.step += 1
@@ -154,24 +163,20 @@ class RateTransition:
         self.due, self.target = self.due_at_best, self.due_at_best + plan.every
         if self.stalls and self.step >= self.stalls[0][0]:
             self.due += self.stalls.pop(0)[1]
-        self.asked_at[:] = self._predicted(ground, force, plan.answer + plan.every)
+        self.asked_at[:] = self._predicted(ground, force)
         self.ask.request(self.asked_at)
 
-    def _predicted(self, ground: float, force: float, ahead: int) -> Array:
-        """Return the displacements (p,) in m a number of samples ahead of the present one, after which the state is.
+    def _predicted(self, ground: float, force: float) -> Array:
+        """Return the displacements (p,) in m at the end of the interval after the answer; the state is a sample on.
 
         The record is known, the interface force goes on as a straight line, the residual along its own.
         """
-        block, state, inputs = self.plan.block, self.state, np.empty(self.inputs.size)
-        change, known = force - self.force_before[0], self._known(ground)
-        for i in range(1, ahead + 1):
-            inputs[0] = known[min(self.step + i, known.size - 1)] if known.size else ground
-            inputs[1] = force + i * change
-            inputs[2:] = self.residual + min(i, max(self.left, 0)) * self.slope
-            if i < ahead:
-                state = block.A @ state + block.B @ inputs
-        p = self.plan.floors
-        return np.asarray(block.C[:p] @ state + block.D[:p] @ inputs)
+        i, known, inputs = self._ahead, self._known(ground), self._inputs_ahead
+        inputs[:, 0] = known[np.minimum(self.step + i, known.size - 1)] if known.size else ground
+        inputs[:, 1] = force + i * (force - self.force_before[0])
+        inputs[:, 2:] = self.residual + np.minimum(i, max(self.left, 0))[:, None] * self.slope
+        of_state, of_inputs = self._prediction
+        return np.asarray(of_state @ self.state + of_inputs @ inputs.reshape(-1))
 
     def _known(self, ground: float) -> Array:
         """Return the record, nothing where the ground does not follow it."""
@@ -183,6 +188,16 @@ class RateTransition:
         end = getattr(self.ask, "close", None)
         if end is not None:
             end()
+
+
+def _prediction(block: Block, p: int, ahead: int) -> tuple[Array, Array]:
+    """Return what the displacements (p,) of a block some samples ahead are, of its state (., s) a sample from now and
+    of the inputs (., ahead * i) of those samples."""
+    of_inputs, row = [block.D[:p]], block.C[:p]
+    for _ in range(ahead - 1):
+        of_inputs.append(row @ block.B)
+        row = row @ block.A
+    return row, np.hstack(of_inputs[::-1])
 
 
 class Started:
@@ -271,7 +286,8 @@ def _design(building: Building, plan: Transition, judged: Block | None) -> Progr
         running.append(made)
         return made
 
-    logs = (*(Logged(f"{LAW_FORCE}{i + 1}_n", "N") for i in range(p)), Logged(EXTRAPOLATED, "1"))
+    forces = (Logged(f"{LAW_FORCE}{i + 1}_n", "N") for i in range(p))
+    logs = (*forces, Logged(EXTRAPOLATED, "1"), Logged(LATE, "s"), Logged(SLOWED, "1"))
     return ProgramStoreys(
         "numerical", make, judged, logs, building=building, numerical=building.numerical, laws=building.laws, plan=plan,
         running=running,

@@ -40,6 +40,7 @@ from rths_cli.analysis.closed_loop import (
 )
 from rths_cli.analysis.fourier_lines import lines_for
 from rths_cli.analysis.predicted_error import Errors, Prediction, PredictionInputs, predict
+from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE, VERDICTS
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.errors import InputError, LimitError, RigError
@@ -71,6 +72,7 @@ from rths_cli.experiment.design import (
     required_delay_s,
     table_alone,
 )
+from rths_cli.experiment.late_answers import step_time_note
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.one_table_run import HYBRID_TEST, TABLE_RUNS, drive_of
@@ -713,6 +715,18 @@ def loop_of(case: Case, progress: Progress) -> Block:
     return open_loop(loop_parts(setup, known.found)[0], design.blocks)
 
 
+def _step_times(setup: Setup) -> tuple[Finding, ...]:
+    """Return what a program's answers take here, () without one or where it has no SIM."""
+    building = setup.building
+    if not building.has_program:
+        return ()
+    try:
+        sim = reference_of(building).sim(building, setup.rig.dt_s, setup.motion.accel_m_s2)
+        return step_time_note(building, sim)
+    except InputError:  # the verdict says so
+        return ()
+
+
 def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     """Return the verdict on one case; the case is unsafe if its virtual rig cannot be identified."""
     progress(f"check: {setup.case.name}")
@@ -728,7 +742,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     )
     told = () if "model" in setup.overrides else known.found.verdict.refusals
     notes = without_repeats(of_case(setup, known.found, found.design), told)
-    notes = (*filter(None, (found.bound, found.remedy)), *notes)
+    notes = (*filter(None, (found.bound, found.remedy)), *_step_times(setup), *notes)
     runs = [("EXP-RTHS", found.verdict)] if hybrid else []
     excited = excitations(setup, known)
     reasons = (*found.findings, *(fault.at("at.run", run=label) for label, faults in excited for fault in faults))

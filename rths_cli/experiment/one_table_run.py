@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.experiment import lost_samples, run_metrics, run_signals
+from rths_cli.experiment.late_answers import answer_findings, answer_metrics
 from rths_cli.experiment.planned_motion import PlannedMotion, effective_limits, foreseen_causes
 from rths_cli.experiment.real_rig_readiness import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
 from rths_cli.experiment.run_metrics import lowest_reliable_hz
@@ -199,6 +200,8 @@ def run_of(
     if drift is not None and drift.any and expected is not None:
         warnings = run_signals.findings_of(kind.label, drift, setup, lead_samples)
         series = without_drift(series, drift.removed, lead_samples, expected.estimator)
+    if kind.source == NUMERICAL:
+        warnings += answer_findings(kind.name, kind.label, answer_metrics(kind.name, series))
     every_storey_is_measured = len(setup.building.numerical.masses_kg) == 1
     building = None
     if kind.source == NUMERICAL and not (only_accelerations and every_storey_is_measured):
@@ -219,7 +222,8 @@ def evaluated(
     loop: PredictionInputs | None,
     replay: Callable[[], Undisturbed] | None = None,
 ) -> Run:
-    """Return a run with its metrics; a run that ended early has only the counts of lost samples.
+    """Return a run with its metrics; a run that ended early has only its counts of lost samples
+    and late answers.
 
     `loop`: inputs of the error budget (None: no budget is computed). `replay` makes the test that its disturbances are
     played with; None: the building has no laws.
@@ -227,6 +231,8 @@ def evaluated(
     values: dict[str, ArrayLike] = {}
     if found := lost_samples.of_live(run.series.live, setup.rig.dt_s):
         values |= lost_samples.lost_sample_metrics(run.kind.name, found)
+    if run.kind.source == NUMERICAL:
+        values |= answer_metrics(run.kind.name, run.series)
     if run.stopped is not None:
         return replace(run, metrics=values)
     values |= metrics_of_record(run, setup, sim)

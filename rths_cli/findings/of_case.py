@@ -83,6 +83,11 @@ DESIGN = {
         "at most, and not the law itself"
     ),
     "assumption.adaptive": notes("controller: {name} adapts {parameters!w}: {told!w}"),
+    "assumption.step_times": notes(
+        "structure.numerical: an answer of the program takes {half_s:.3g ms} here, {most_s:.3g ms} at most in 99 of "
+        "100, {longest_s:.3g ms} at most; {missed:.2g %} of them would miss the {stated_s:.3g ms} of the case on the "
+        "clock. In simulated time each takes what the case states"
+    ),
     "assumption.program": notes(
         "structure.numerical: the error budget of a run is that of the program's linear part; its total is measured"
     ),
@@ -145,6 +150,11 @@ RUN = {
     "sensor.unusable": warns(
         "channel {channel} is not usable from {from_s:.2f} s on: it shows what neither motion nor drift explains; "
         "check cable, connector and mounting"
+    ),
+    "run.late_answers": warns(
+        "the program answered late {late} {late:?time/times}, by {latest_s:.3g ms} at most; {slow} "
+        "{slow:?request was/requests were} left out and its force was extrapolated {extrapolated} "
+        "{extrapolated:?time/times}"
     ),
     "run.not_as_expected": warns(
         "measured and expected error differ: {error_m_s2:.3g (mm/s^2)} mm/s^2 at storey {storey} is {ratio:.2g} "

@@ -15,6 +15,7 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.unit_plausibility import building_doubts
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.lti import Array, Integers
+from rths_cli.programs import described, step_times
 from rths_cli.structure import (
     Building,
     Similitude,
@@ -28,6 +29,7 @@ from rths_cli.structure import (
     storey_values,
 )
 
+SIDEWAYS = 0.1  # of the weight, whose displacements a program is asked for
 UNDAMPED = "without dashpots"  # of the numerical storeys, where no level is stated
 
 
@@ -70,6 +72,22 @@ class InspectedFrame:
 
 
 @dataclass(frozen=True)
+class InspectedProgram:
+    """What is known of computed floors that are a program, p in all, and what an answer takes here."""
+
+    name: str
+    version: str
+    floors: tuple[str, ...]  # (p,) the interface last
+    mass_kg: Array  # (p, p) of the program alone
+    damping_n_s_per_m: Array  # (p, p) of the first level, or without dashpots
+    stiffness_n_per_m: Array  # (p, p) condensed, at rest
+    natural_frequency_hz: Array  # (p,) of the program by itself
+    interface_kg: tuple[float, float, float]  # the program's, that on the table, both
+    step_time_s: tuple[float, float, float]  # median, 99th percentile, largest
+    amplitude_m: Array  # (p,) up to which displacements went meanwhile: those under a tenth of the weight sideways
+
+
+@dataclass(frozen=True)
 class Inspected:
     """What is known of a building of p numerical and n_exp experimental storeys, n in all, from the ground."""
 
@@ -90,6 +108,7 @@ class Inspected:
     warnings: tuple[str, ...]  # doubts on units
     mass_kg: float  # of the whole building
     frame: InspectedFrame | None = None  # None: the numerical part is a chain of storeys
+    program: InspectedProgram | None = None  # None: no program computes it
     scale: Similitude | None = None  # of the model that the building is, prototype over model; None: of no case
 
     @property
@@ -161,7 +180,24 @@ def _inspected(spec: StructureSpec, damping: Sequence[DampingSpec], file: str) -
         warnings=building_doubts(spec, damping, building),
         mass_kg=building.mass_kg,
         frame=_frame(spec),
+        program=_program(building if not damping else build(spec, damping[0])),
     )
+
+
+def _program(building: Building) -> InspectedProgram | None:
+    """Return what is known of a building's program, and measure its answers; None without one."""
+    if building.program is None:
+        return None
+    stated, part, on_table = building.program.description, building.numerical, building.interface_experimental_mass_kg
+    found, own = described(stated), np.diag(part.masses_kg)
+    amplitude = np.abs(np.linalg.solve(found.stiffness, SIDEWAYS * 9.81 * part.masses_kg))
+    taken = step_times(stated, amplitude)
+    own_kg = float(part.masses_kg[-1])
+    return InspectedProgram(
+        stated.name, found.version, found.floors, own, part.C, found.stiffness, mode_shapes(own, found.stiffness)[0],
+        (own_kg, on_table, own_kg + on_table),
+        (float(np.median(taken)), float(np.percentile(taken, 99.0)), float(taken.max())), amplitude,
+    )  # fmt: skip
 
 
 def _ground(building: Building) -> Array:

@@ -25,7 +25,7 @@ from rths_cli.numerics.lti import Array
 from rths_cli.programs import integration
 from rths_cli.programs.process import FORCE, MOST_FLOORS, Described, Description
 
-GROUP = "rths.programs"
+GROUP, INTERFACE = "rths.programs", 1
 BUILT_IN = {"python": "rths_cli.programs.python_model", "opensees": "rths_cli.programs.opensees_model"}
 GRACE_S = 5.0  # beyond the parent's patience, after which the kernel ends a call
 PROBE = 1e-4  # of the displacement under the floors' weight sideways, over which the tangent at rest is taken
@@ -121,7 +121,14 @@ def _module_of(kind: str) -> Any:
     if len(found) != 1:
         known = ", ".join([*BUILT_IN, *sorted({one.name for one in entry_points(group=GROUP)})])
         raise LookupError(f"{len(found)} installed packages bring a program {kind!r}, it must be one; known: {known}")
-    return found[0].load()
+    module = found[0].load()
+    stated = getattr(module, "RTHS_INTERFACE", 1)  # as case.plugin_interface, which stands above
+    if stated not in range(1, INTERFACE + 1):
+        raise LookupError(
+            f"program {kind} ({found[0].value}) states RTHS_INTERFACE = {str(stated)[:40]!r}, this rths has "
+            f"{INTERFACE}; update rths, or take an older version of its package"
+        )
+    return module
 
 
 def _watch(parent: int) -> None:

@@ -10,6 +10,7 @@ import hashlib
 import mmap
 import os
 import pickle
+import select
 import socket
 import subprocess
 import sys
@@ -62,15 +63,16 @@ class Description:
         """Return the program's name in messages."""
         return f"{self.kind} program {Path(self.file).name}" if self.file else f"program {self.kind}"
 
-    def check(self) -> None:
-        """Raise ProgramFault where the file is no longer the one of the checksum."""
-        if not self.file or not self.sha256:
-            return
+    def content(self) -> str:
+        """Return the checksum of the file as it is now, "" without one; raises ProgramFault."""
         try:
-            found = hashlib.sha256(Path(self.file).read_bytes()).hexdigest()
+            return hashlib.sha256(Path(self.file).read_bytes()).hexdigest() if self.file else ""
         except OSError as error:
             raise ProgramFault(f"{self.name}: {self.file} cannot be read: {error}") from error
-        if found != self.sha256:
+
+    def check(self) -> None:
+        """Raise ProgramFault where the file is no longer the one of the checksum."""
+        if self.file and self.sha256 and self.content() != self.sha256:
             raise ProgramFault(f"{self.name}: {self.file} has changed since the case was read; start again")
 
 
@@ -97,6 +99,7 @@ class Program:
     described: Described = field(init=False)
     _process: subprocess.Popen[bytes] = field(init=False)
     _connection: Connection = field(init=False)
+    _poll: select.poll = field(init=False)
     _printed: IO[bytes] = field(init=False)
     _numbers: Array = field(init=False)
 
@@ -115,6 +118,8 @@ class Program:
         except OSError as error:
             raise ProgramFault(f"{self.description.name}: its process cannot be started: {error}") from error
         self._connection = Connection(ours.detach())
+        self._poll = select.poll()  # Connection.poll makes one at each call
+        self._poll.register(self._connection.fileno(), select.POLLIN)
         theirs.close()
         self._numbers = np.frombuffer(mmap.mmap(memory.fileno(), 0), dtype=float).reshape(2, MOST_FLOORS)
         memory.close()
@@ -173,7 +178,7 @@ class Program:
 
     def _answer(self, longest_s: float) -> Any:
         try:
-            if not self._connection.poll(longest_s):
+            if not self._poll.poll(1e3 * longest_s):
                 fault = self._fault(f"did not answer within {longest_s:g} s and was ended")
                 self.close()
                 raise fault

@@ -97,7 +97,8 @@ def declared() -> Iterator[Quantity]:
         *_of_ground(),
         *_of_table(),
         *_of_losses(),
-        *_of_groundings(),
+        *_of_answers(),
+        *_of_recordings(),
         *_of_response(),
         *_against_sim(),
         *_of_check(),
@@ -179,7 +180,7 @@ def _of_table() -> Iterator[Quantity]:
         yield Quantity(f"{run}.j3", "1", "", LESS, largest, BANDS, BAND, BENCHMARK)
 
 
-def _of_groundings() -> Iterator[Quantity]:
+def _of_recordings() -> Iterator[Quantity]:
     """Yield how the recording of a run that was made elsewhere lies on the record."""
     only = "run made elsewhere only"
     for run in TABLE_RUNS:
@@ -209,6 +210,17 @@ def _of_losses() -> Iterator[Quantity]:
         yield Quantity(f"{run}.mixed_steps", "1", "", NONE, mixed)
         gap = "longest time without samples of the right instant, on a real rig"
         yield Quantity(f"{run}.longest_gap_s", "s", "", NONE, gap)
+
+
+def _of_answers() -> Iterator[Quantity]:
+    only = "simulated time, where a program computes storeys"
+    for name, units, text in (
+        ("program_late_answers", "1", "answers that came later than compute_time_s"),
+        ("program_slow_downs", "1", "requests left out because the answer before was still to come"),
+        ("program_extrapolations", "1", "times that the residual force went on beyond its interval"),
+        ("program_latest_s", "s", "largest time by which an answer was late"),
+    ):
+        yield Quantity(f"exp_rths.{name}", units, "", NONE, f"{text} ({only})")
 
 
 def _of_response() -> Iterator[Quantity]:

@@ -14,7 +14,7 @@ from rths_cli.report.to_text import WIDTH, laid_out_in, text
 from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
-    from rths_cli.laboratory.describe import Inspected, InspectedFrame, Level
+    from rths_cli.laboratory.describe import Inspected, InspectedFrame, InspectedProgram, Level
     from rths_cli.numerics.lti import Array
 
 MOST_MODES = 10  # on the page
@@ -27,6 +27,7 @@ def page(found: Inspected, columns: int = WIDTH) -> str:
     sections = [
         _about(found),
         _storeys(found) if found.frame is None else _frame(found.frame),
+        [] if found.program is None else _program(found.program),
         _stiffness_sets(found),
         _modes(found),
         _damping(found),
@@ -64,7 +65,8 @@ def document(found: Inspected) -> dict[str, Any]:
             for one in found.stiffness_sets
         ],
         "warnings": list(found.warnings),
-        **({} if found.frame is None else {"frame": _frame_document(found.frame)}),
+        **({} if found.frame is None else {"frame": _values_document(found.frame)}),
+        **({} if found.program is None else {"program": _values_document(found.program)}),
         "scale": None if found.scale is None else found.scale.factors,
         "prototype": _prototype_document(found.prototype),
         "exit_code": found.exit_code,
@@ -85,9 +87,9 @@ def _prototype_document(whole: Inspected | None) -> dict[str, Any] | None:
     }
 
 
-def _frame_document(frame: InspectedFrame) -> dict[str, Any]:
-    """Return a frame by its matrices for JSON; frequencies are those of the frame by itself."""
-    values = {field.name: getattr(frame, field.name) for field in fields(frame)}
+def _values_document(part: InspectedFrame | InspectedProgram) -> dict[str, Any]:
+    """Return a frame or a program for JSON; frequencies are those of this part by itself."""
+    values = {field.name: getattr(part, field.name) for field in fields(part)}
     return {name: value.tolist() if hasattr(value, "tolist") else value for name, value in values.items()}
 
 
@@ -159,6 +161,31 @@ def _frame(frame: InspectedFrame) -> list[Block]:
     columns = [*both, 100.0 * (both[1] / both[0] - 1.0)]
     heads = ["frame (Hz)", "reduced (Hz)", "error (%)"]
     return [*lines, labelled("reduction", kept), *_by_mode(heads, columns)]
+
+
+def _program(program: InspectedProgram) -> list[Block]:
+    """Return the lines on a program: its masses, condensed matrices, modes, and what an answer takes here."""
+    own, on_table, both = (significant(kg) for kg in program.interface_kg)
+    half, most, longest = (f"{1e3 * taken:.3g} ms" for taken in program.step_time_s)
+    far = ", ".join(significant(1e3 * each) for each in program.amplitude_m[:MOST_MODES])
+    taken = f"{half} half of the answers, {most} 99 of 100, {longest} the longest; up to {far} mm"
+    p = min(len(program.floors), MOST_MODES)
+    matrices = (program.mass_kg, program.damping_n_s_per_m, program.stiffness_n_per_m)
+    rows = [
+        [program.floors[i], *(", ".join(f"{value:.5g}" for value in matrix[i, :p]) for matrix in matrices)]
+        for i in reversed(range(p))
+    ]
+    hz = ", ".join(significant(each, 4) for each in program.natural_frequency_hz[:MOST_MODES])
+    return [
+        labelled("program", f"{program.name}, {program.version}; by itself {hz} Hz"),
+        labelled("interface mass", f"{both} kg: {own} kg in the program, {on_table} kg on the table"),
+        labelled(
+            "condensed", "M in kg, K in N/m at rest, C in N s/m: damping belongs to the linear part, by the stiffness "
+            "at rest (initial, not committed)",
+        ),
+        grid([["floor", "M", "C", "K"], *rows]),
+        labelled("step time here", taken),
+    ]  # fmt: skip
 
 
 def _range(first: int, last: int) -> str:

@@ -5,7 +5,9 @@ The reference is `scipy.signal.lsim` of the undivided building with many samples
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,10 +16,10 @@ from portfolio import parametrize_first
 from scipy.signal import lsim
 
 from rths_cli.analysis.program_stability import LinearProgram, coupled_step, modes_in_transition, specimen_block
-from rths_cli.control.program_storeys import ProgramStoreys, RateTransition, program_storeys
+from rths_cli.control.program_storeys import Asked, ProgramStoreys, RateTransition, program_storeys
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
-from rths_cli.programs import Description, ProgramFault
+from rths_cli.programs import Description, Program, ProgramFault
 from rths_cli.structure import Building, Numerical, Specimen, assemble, build
 from rths_cli.structure.programs import ProgramPart, laws_of_program
 
@@ -47,13 +49,13 @@ def design(
     return program_storeys(building, DT_S).knowing(GROUND)
 
 
-def played(made: ProgramStoreys) -> tuple[Array, Array]:
-    """Return the interface's accelerations (n,) on a perfect table, and what is logged (2, n)."""
+def played(made: ProgramStoreys, program: Asked | None = None) -> tuple[Array, Array]:
+    """Return the interface's accelerations (n,) on a perfect table, and what is logged (4, n)."""
     assert made.plan is not None
     building = paper()
-    floors = RateTransition(made.plan, LinearProgram(building.numerical.K))
+    floors = RateTransition(made.plan, program or LinearProgram(building.numerical.K))
     specimen = specimen_block(building.specimen, 0.0, DT_S)
-    state, accel, logged = np.zeros(len(specimen.A)), np.zeros(len(GROUND)), np.zeros((2, len(GROUND)))
+    state, accel, logged = np.zeros(len(specimen.A)), np.zeros(len(GROUND)), np.zeros((4, len(GROUND)))
     for k, ground in enumerate(GROUND):
         state, motion = coupled_step(floors, specimen, state, np.array([ground, 0.0, 0.0]))
         accel[k], logged[:, k] = motion[0, 0], floors.logged
@@ -92,6 +94,8 @@ def test_a_late_answer_makes_no_jump_and_is_told() -> None:
     late, told = played(design(256.0, 1.0 / 256.0, 1.2, stalls=((1.5, 0.010),)))
     assert logged[1].sum() == 0.0
     assert 0.0 < told[1].sum() <= 0.012 / DT_S
+    assert told[2].max() == pytest.approx(0.010, abs=DT_S)
+    assert (np.sum(told[2] > 0.0), np.sum(told[3])) == (1, 3)  # 10 ms late: three requests of every 3.9 ms are left out
     steps = np.abs(np.diff(late)).max() / np.abs(np.diff(usual)).max()
     assert steps < 1.05
     assert error(late, usual) < 0.02
@@ -100,6 +104,80 @@ def test_a_late_answer_makes_no_jump_and_is_told() -> None:
 def test_a_program_silent_for_four_intervals_stops_the_test() -> None:
     with pytest.raises(ProgramFault, match="has not answered for"):
         played(design(256.0, 1.0 / 256.0, 1.2, stalls=((1.5, 0.5),)))
+
+
+FEW, MANY = (0.5, 1.6, 2.9), tuple(np.linspace(0.1, 3.2, 20).tolist())
+
+
+def stalled(lasts_s: float, instants_s: tuple[float, ...]) -> None:
+    """Have each stall change the motion little, or stop the test; a short one never stops it."""
+    usual = played(design(256.0, 1.0 / 256.0, 1.2))[0]
+    for at_s in instants_s:
+        made = design(256.0, 1.0 / 256.0, 1.2, stalls=((at_s, lasts_s),))
+        if lasts_s > 4.0 / 256.0:
+            with pytest.raises(ProgramFault, match="has not answered for"):
+                played(made)
+            continue
+        late, told = played(made)
+        assert error(late, usual) < 0.02
+        assert np.sum(told[2] > 0.0) == 1
+        assert np.abs(np.diff(late)).max() < 1.05 * np.abs(np.diff(usual)).max()
+
+
+FAULTS = {
+    "os._exit(4)": "ended by itself, exit code 4",
+    "sys.exit(3)": r"called exit\(3\)",
+    "return u * float('nan')": "gave a force that is not finite",
+    "raise ArithmeticError('does not converge')": "failed: ArithmeticError: does not converge",
+}
+BODY = """
+import os, sys
+class Storey:
+    def __init__(self, masses_kg, parameters):
+        self.left = parameters["calls"]
+    def force(self, u):
+        self.left -= 1
+        if self.left < 0:
+            {fault}
+        return 7354.0 * u
+"""
+
+
+def faulty(folder: Path, fault: str, instants_s: tuple[float, ...]) -> None:
+    """Have a program fail at instants of the record: the reason is the true one, and its process is gone."""
+    file = folder / "storey.py"
+    file.write_text(BODY.format(fault=fault), encoding="utf-8")
+    for at_s in instants_s:
+        calls = (("calls", 1.0 + 256.0 * at_s),)  # one at rest
+        stated = Description("python", str(file), "", "Storey", masses_kg=(6.93,), parameters=calls)
+        with Program(stated) as program:
+            process = program.process_id
+            with pytest.raises(ProgramFault, match=FAULTS[fault]):
+                played(design(256.0, 1.0 / 256.0, 1.2), program)
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+
+
+@pytest.mark.parametrize("lasts_s", [0.005, 0.05, 0.5])
+def test_stalls_change_little_or_stop_the_test(lasts_s: float) -> None:
+    stalled(lasts_s, FEW)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("lasts_s", [0.005, 0.05, 0.5])
+def test_stalls_at_many_instants(lasts_s: float) -> None:
+    stalled(lasts_s, MANY)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_of_the_program_has_its_reason_and_leaves_no_process(tmp_path: Path, fault: str) -> None:
+    faulty(tmp_path, fault, (1.6,))
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_at_many_instants(tmp_path: Path, fault: str) -> None:
+    faulty(tmp_path, fault, MANY)
 
 
 @pytest.mark.parametrize(

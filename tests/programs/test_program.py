@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rths_cli.laboratory.describe import inspect_structure
 from rths_cli.programs import Described, Description, Program, ProgramFault, described, step_times
 
 BODY = """
@@ -95,3 +96,18 @@ def test_times_are_those_of_each_call(tmp_path: Path) -> None:
     taken = step_times(written(tmp_path, "pass"), np.array([0.01]), calls=20)
     assert taken.shape == (20,)
     assert taken.min() > 0.0
+
+
+def test_the_structure_of_a_program_has_both_masses_and_its_step_time(tmp_path: Path) -> None:
+    written(tmp_path, "pass", k=3210.0)
+    (tmp_path / "own.yaml").write_text(
+        "extends: three_storey\nnumerical: {kind: python, file: storey.py, function: Storey, masses_kg: [2.0], "
+        "parameters: {k: 3210.0}, rate_hz: 200}\ninterface_experimental_mass_kg: 0.5\n",
+        encoding="utf-8",
+    )
+    found = inspect_structure(str(tmp_path / "own.yaml")).program
+    assert found is not None
+    assert found.interface_kg == (2.0, 0.5, 2.5)
+    assert found.natural_frequency_hz == pytest.approx(np.array([np.sqrt(3210.0 / 2.0) / (2.0 * np.pi)]), rel=1e-6)
+    half, most, longest = found.step_time_s
+    assert 0.0 < half <= most <= longest

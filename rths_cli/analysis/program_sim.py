@@ -1,8 +1,8 @@
 """SIM and SIM-DELAY of a building whose computed floors are a program.
 
-SIM of an OpenSees model with one floor is monolithic: OpenSees integrates the whole building, experimental floors as
-masses and zero-length elements. Any other program is asked at explicit steps, as every one is in
-SIM-DELAY (programs/integration.py). Steps are halved and the responses extrapolated, as for a method of second order
+SIM of an OpenSees model is monolithic: OpenSees integrates the whole building, experimental floors as masses and
+zero-length elements. Any other program is asked at explicit steps, as every one is in SIM-DELAY
+(programs/integration.py). Steps are halved and the responses extrapolated, as for a method of second order
 (Richardson), until the response converges. One process solves a response once, whoever asks for it.
 """
 
@@ -65,9 +65,7 @@ def _asked(building: Building, dt_s: float, record: Array, *further: object) -> 
 def _solved(building: Building, dt_s: float, record: Array) -> tuple[Array, float]:
     """Return the response (3, q, n) relative to the ground, and its error."""
     assert building.program is not None
-    # with several floors and dashpots the monolithic model is 7 % off the exact SIM, cause unknown: issue 51
-    monolithic = building.program.description.kind == "opensees" and len(building.numerical.masses_kg) == 1
-    of_program = _by_opensees if monolithic else _explicit
+    of_program = _by_opensees if building.program.description.kind == "opensees" else _explicit
 
     def solve(every: int, steps: int) -> Array:
         """Return the response at each `every`-th sample with absolute accelerations, some steps to such a sample."""

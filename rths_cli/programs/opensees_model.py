@@ -136,8 +136,7 @@ class OpenSeesModel:
 
     def _height(self, tag: int) -> float:
         """Return the coordinate of a node upwards, the last one; along the line in a model of one dimension."""
-        place = self._ops.nodeCoord(tag)
-        return float(place[-1] if isinstance(place, list | tuple) else place)
+        return float(self._place(tag)[-1])
 
     def _apply_gravity(self) -> None:
         """Apply the loads that the script left to be applied, and hold them constant."""
@@ -274,8 +273,7 @@ class OpenSeesModel:
         if self._prescribed:
             ops.remove("loadPattern", PRESCRIBED)
             self._prescribed = False
-        place = ops.nodeCoord(self._nodes[-1])
-        place = list(place) if isinstance(place, list | tuple) else [place]
+        place = self._place(self._nodes[-1])
         first = max(int(tag) for tag in ops.getNodeTags()) + 1
         nodes = [*self._nodes, *(first + i for i in range(len(masses_kg) - len(self._nodes)))]
         for node, mass in zip(nodes, masses_kg.tolist(), strict=True):
@@ -288,14 +286,20 @@ class OpenSeesModel:
         return tuple(nodes)
 
     def _connect(self, nodes: tuple[int, ...], stiffness: Array, damping: Array) -> None:
-        """Connect nodes (q,) with each other and with the ground by springs and dashpots that add up to matrices."""
+        """Connect nodes (q,) with each other and with the ground by springs and dashpots that add up to matrices.
+
+        A zero-length element between nodes apart has no force, after a warning: all nodes stand at the interface while
+        these elements are made. Those of the model have taken their lengths before.
+        """
         ops, dof, size = self._ops, self._description.dof, int(self._ops.getNDF())
         ground = max(int(tag) for tag in ops.getNodeTags()) + 1
         element = max((int(tag) for tag in ops.getEleTags()), default=0) + 1
         unit, count = self._length / self._force, 0
-        place = ops.nodeCoord(nodes[-1])
-        ops.node(ground, *(place if isinstance(place, list | tuple) else [place]))
+        places = {node: self._place(node) for node in nodes}
+        ops.node(ground, *places[nodes[-1]])
         ops.fix(ground, *[1] * size)
+        for node in nodes:
+            self._put(node, places[nodes[-1]])
         least = [1e-12 * np.abs(matrix).max(initial=0.0) for matrix in (stiffness, damping)]
         for i, one in enumerate(nodes):
             for j, other in [(None, ground), *((j, nodes[j]) for j in range(i))]:
@@ -307,6 +311,17 @@ class OpenSeesModel:
                 ops.uniaxialMaterial("Elastic", MATERIAL + count, spring * unit, dashpot * unit)
                 ops.element("zeroLength", element + count, other, one, "-mat", MATERIAL + count, "-dir", dof)
                 count += 1
+        for node, place in places.items():
+            self._put(node, place)
+
+    def _place(self, node: int) -> list[float]:
+        """Return the coordinates of a node (ndm,)."""
+        place = self._ops.nodeCoord(node)
+        return list(place) if isinstance(place, list | tuple) else [place]
+
+    def _put(self, node: int, place: list[float]) -> None:
+        """Give a node other coordinates (ndm,)."""
+        self._tcl("; ".join(f"setNodeCoord {node} {i} {value!r}" for i, value in enumerate(place, 1)))
 
     def _followed(self, nodes: tuple[int, ...], step_s: float, steps: int, samples: int) -> Array:
         """Return displacements, velocities and accelerations (3, q, n) relative to the state at the start."""

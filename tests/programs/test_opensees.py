@@ -8,11 +8,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
+from rths_cli.analysis.program_sim import simulate_with_program
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim import simulate
 from rths_cli.programs import Description, ProgramFault, described
-from rths_cli.structure import build
+from rths_cli.structure import Building, Numerical, Specimen, assemble, build
 from rths_cli.structure.programs import ProgramPart, laws_of_program, tangent_of_program
 from rths_cli.structure.storey_laws import arranged
 
@@ -99,3 +101,43 @@ def test_the_monolithic_sim_of_a_linear_model_is_the_exact_one() -> None:
         for one, sim in ((whole, found), (replace(whole, program=None, laws=arranged(())), exact))
     )
     assert np.abs(late.abs_accel_m_s2 - known.abs_accel_m_s2).max() < 3e-4 * np.abs(known.abs_accel_m_s2).max()
+
+
+SHEAR = """
+import openseespy.opensees as ops
+def build():
+    ops.model("basic", "-ndm", 2, "-ndf", 3)
+    ops.geomTransf("Linear", 1)
+    ops.node(1, 0.0, 0.0)
+    ops.fix(1, 1, 1, 1)
+    for i, stiffness in enumerate((9e4, 7e4, 8e4)):
+        ops.node(i + 2, 0.0, 3.0 * (i + 1))
+        ops.fix(i + 2, 0, 1, 1)
+        ops.mass(i + 2, 100.0, 0.0, 0.0)
+        ops.element("elasticBeamColumn", i + 1, i + 1, i + 2, 1.0, stiffness, 27.0 / 12.0, 1)
+"""
+
+
+def test_the_monolithic_sim_has_the_dashpots_between_floors_at_different_heights(tmp_path: Path) -> None:
+    """Three floors below two, a damping matrix of the frame without a zero, against `scipy.signal.lsim`."""
+    file = tmp_path / "shear.py"
+    file.write_text(SHEAR, encoding="utf-8")
+    storeys = np.eye(3) - np.eye(3, k=-1)
+    stiffness, dashpots = storeys.T @ np.diag((9e4, 7e4, 8e4)) @ storeys, storeys.T @ np.diag((300, 200, 250)) @ storeys
+    numerical = Numerical(np.full(3, 100.0), stiffness, dashpots + 40.0)
+    pair = np.array([[2.0, -1.0], [-1.0, 1.0]])
+    specimen = Specimen(np.full(2, 100.0), 7e4 * pair, 200.0 * pair)
+    part = ProgramPart(Description("opensees", str(file), "", "build", 4, 1), 200.0)
+    whole = replace(
+        Building(numerical, specimen, 0.0, *assemble(numerical, specimen, 0.0)), program=part, laws=laws_of_program(3)
+    )
+    time_s = np.arange(0.0, 1.2, 0.004)
+    ground = np.sin(2.0 * np.pi * 2.0 * time_s) * np.exp(-((6.0 * (time_s - 0.5)) ** 2))
+    found = simulate_with_program(whole, 0.004, ground)
+    rates = [-np.linalg.solve(whole.M, matrix) for matrix in (whole.K, whole.C)]
+    A = np.block([[np.zeros((5, 5)), np.eye(5)], rates])
+    B = np.concatenate([np.zeros(5), -np.ones(5)])[:, None]
+    exact = lsim((A, B, np.eye(10)[:5], np.zeros((5, 1))), ground, time_s)[1].T
+    assert np.abs(found.rel_disp_m - exact).max() < 2e-4 * np.abs(exact).max()
+    assert found.laws is not None
+    assert np.abs(found.laws.force_n).max() < 1e-4 * 9e4 * np.abs(exact[0]).max()  # no residual

@@ -194,6 +194,7 @@ class CompiledLaw:
     linear: bool = False
     logs: tuple[()] = ()
     multiplications: int = 0
+    units_per_v: float = 1.0  # of its command; metres per V of an actuator
 
     def linearised(self, at: Array | None = None) -> Block:
         """Return the declared linear block; raises InputError where there is none."""

@@ -167,7 +167,7 @@ def _figures(judged: Judged) -> dict[str, ArrayLike]:
     if judged.simulated is not None:
         values |= judged.simulated.response
     if found.prediction is None:
-        return values
+        return values | judged.of_actuator
     return values | _reach(found) | _errors(found.prediction)
 
 

@@ -26,6 +26,8 @@ MOST_ALIAS = 3.0  # times as much as any instant of sampling makes it
 def wants_session_record(setup: Setup) -> bool:
     """Return whether a case's table runs begin with the record at low level."""
     asked = setup.case.session_record
+    if setup.rig.interface == "displacement":
+        return False
     return asked == "always" or (asked == "automatic" and setup.rig.calibrates)
 
 

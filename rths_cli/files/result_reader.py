@@ -452,7 +452,7 @@ def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:
             raise SeriesLeftOut(path, reason)
         if "interface_accel" in name and part(file, "exp_rths/interface_disp_desired_m") is not None:
             raise InputError(
-                f"{path}: is of a test with an actuator, which measures displacements and no accelerations; its figures "
+                f"{path}: is of a test with an actuator, which measures no accelerations; its figures "
                 "and its page are not drawn yet: rths report without --figures and --format html prints its numbers, "
                 "rths export its series"
             )

@@ -376,6 +376,8 @@ def open_loop_of_building(building: Building) -> StateSpace:
     a = (f e_p - C v - K x)_p / m_p for displacements relative to the ground (Eq. 2.3).
     """
     specimen, numerical = building.specimen, building.numerical
+    if specimen.attached:
+        return _loop_of_attached(building)
     n, p = len(specimen.masses_kg), len(numerical.masses_kg)
     inverse, pushed = 1.0 / specimen.masses_kg[:, None], numerical.per_force[:, None]
     shear = np.concatenate([specimen.K.sum(axis=0), specimen.C.sum(axis=0)])
@@ -392,6 +394,18 @@ def open_loop_of_building(building: Building) -> StateSpace:
     b[2 * n + p :] = -building.interface_experimental_mass_kg * pushed + 0.0
     c = a[-1:].copy()
     return StateSpace(a, b, c, np.array([[high]]))
+
+
+def _loop_of_attached(building: Building) -> StateSpace:
+    """Return the same loop of an attached specimen, from the force through the interface's motion back to the force:
+    L(s) = -(m s^2 + c s + k) e' (M s^2 + C s + K)^-1 e of the numerical part (state x, x')."""
+    specimen, numerical = building.specimen, building.numerical
+    p, pushed = len(numerical.masses_kg), numerical.per_force[:, None]
+    motion = -np.hstack([numerical.per_mass(numerical.K), numerical.per_mass(numerical.C)])
+    a = np.vstack([np.hstack([np.zeros((p, p)), np.eye(p)]), motion])
+    mass, rows = building.interface_experimental_mass_kg, np.eye(2 * p)
+    c = specimen.K[0, 0] * rows[p - 1] + specimen.C[0, 0] * rows[2 * p - 1] + mass * motion[-1]
+    return StateSpace(a, np.vstack([0.0 * pushed, pushed]), -c[None], np.array([[-mass * float(pushed[-1, 0])]]))
 
 
 def unit_gain_rad_s(loop: StateSpace) -> Array:

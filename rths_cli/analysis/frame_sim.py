@@ -61,7 +61,7 @@ def simulate_unreduced(building: Building, dt_s: float, ground_accel_m_s2: Array
             f"{LARGEST_ERROR:g}): its masses or stiffnesses are too unlike; condense the lightest degrees of freedom "
             "before the export, by a mass of zero"
         )
-    return Response(disp, vel, accel, base_shear_n(building, accel), error)
+    return Response(disp, vel, accel, base_shear_n(building, accel, np.vstack([disp, vel])), error)
 
 
 def _modes_of(A: Array) -> tuple[ComplexArray, ComplexArray]:

@@ -67,6 +67,25 @@ def identified_rig(
     return IdentifiedRig(plant, fixed, beyond, model.latency_samples, model.ripple_sum_m_s2_per_v, excess)
 
 
+def identified_actuator(model: Model, specimen: Specimen, info: RigInfo) -> IdentifiedRig:
+    """Return the rig composed of an actuator's model, which has no zeros but two at the origin, and the specimen that
+    it moves: command in V to displacement and force F = m x'' + c x' + k x, in V of their channels."""
+    n, size = len(model.poles), float(np.exp(np.mean(np.log(np.abs(model.poles)))))
+    coefficients = np.real(np.poly(model.poles / size))  # in time units of 1 / size, so that they are of one size
+    a = np.vstack([np.eye(n)[1:], -coefficients[:0:-1]])
+    b = np.zeros((n, 1))
+    b[-1, 0] = model.gain / size**n
+    rows = np.eye(n)[:1], size * np.eye(n)[1:2], size**2 * a[1:2]  # displacement, velocity, acceleration
+    direct = size**2 * b[1:2]
+    weights = specimen.K[0, 0], specimen.C[0, 0], float(specimen.masses_kg[0])
+    force = sum(weight * row for weight, row in zip(weights, rows, strict=True))
+    scale = np.array([one.sensitivity_v_per_unit for one in info.channels])[:, None]
+    through = np.vstack([np.zeros((1, 1)), weights[2] * direct])
+    chain = StateSpace(size * a, size * b, scale * np.vstack([rows[0], force]), scale * through)
+    return IdentifiedRig(_held(chain, model, info.dt_s), _correction(info, False), 0.0,
+                         model.latency_samples)  # fmt: skip
+
+
 def with_another_specimen(
     rig: IdentifiedRig,
     model: Model,

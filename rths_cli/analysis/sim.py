@@ -76,7 +76,7 @@ def simulate(building: Building, dt_s: float, ground_accel_m_s2: ArrayLike) -> R
             f"SIM: this building can only be solved to {error:.1g} of its peak (at most {_LARGEST_ERROR:g}): its "
             "storeys are too unlike; bring the masses, stiffnesses and dashpots of structure closer together"
         )
-    return Response(states[:n], states[n:], abs_accel, base_shear_n(building, abs_accel), error)
+    return Response(states[:n], states[n:], abs_accel, base_shear_n(building, abs_accel, states), error)
 
 
 def check_size(storeys: int, samples: int, dt_s: float) -> None:
@@ -90,11 +90,20 @@ def check_size(storeys: int, samples: int, dt_s: float) -> None:
         )
 
 
-def base_shear_n(building: Building, abs_accel_m_s2: Array) -> Array:
-    """Return f = -m1E a1 - sum m_j a_j (n,) in N (Eq. 2.6) from absolute accelerations (n_storeys, n)."""
+def base_shear_n(building: Building, abs_accel_m_s2: Array, states: Array | None = None) -> Array:
+    """Return f = -m1E a1 - sum m_j a_j (n,) in N (Eq. 2.6) from absolute accelerations (n_storeys, n).
+
+    With an attached specimen f = -m a - c v - k x of the interface, whose displacement and velocity `states`
+    (2 n_storeys, n) hold.
+    """
     p = len(building.numerical.masses_kg)
     interface = building.interface_experimental_mass_kg * abs_accel_m_s2[p - 1]
-    return -interface - building.specimen.masses_kg @ abs_accel_m_s2[p:]
+    specimen = building.specimen
+    if specimen.attached:
+        assert states is not None
+        place, velocity = states[p - 1], states[len(states) // 2 + p - 1]
+        return np.asarray(-interface - specimen.C[0, 0] * velocity - specimen.K[0, 0] * place)
+    return -interface - specimen.masses_kg @ abs_accel_m_s2[p:]
 
 
 def checked_record(dt_s: float, ground_accel_m_s2: ArrayLike) -> Array:

@@ -168,7 +168,7 @@ def judge(
     """
     faults = faults_of_loop(stability, feedback, least_delay_s, alone)
     doubt = stability.radius >= 1.0 and stability.growth >= GROWN
-    largest = min(row.largest(scaling) for row in reach)
+    largest = min((row.largest(scaling) for row in reach), default=0.0)
     if stability.radius < 1.0:
         beyond = [row for row in reach if not row.share <= 1.0 - RESERVE]
         faults += [*further, *(_beyond(row, largest, row is beyond[-1]) for row in beyond)]

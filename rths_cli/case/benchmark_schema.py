@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field
 
 from rths_cli.case.field_types import Problem, Range, Strict, count, listed
+from rths_cli.case.virtual_physics_schema import ActuatorNumbers, Positive
 
-Positive = Annotated[float, Range(gt=0, le=1e18)]
 Scatter = Annotated[float, Range(ge=0, le=1e9)]
 MOST_PLANTS = 100_000
 
@@ -29,18 +29,6 @@ class BenchmarkSpecimen(Strict):
     mass_kg: Positive = Field(description="its mass")
     stiffness_n_per_m: Positive = Field(description="its stiffness")
     damping_ratio: Annotated[float, Range(ge=0, lt=1)] = Field(description="its damping ratio")
-
-
-class ActuatorNumbers(Strict):
-    """Hold the numbers of rigs.virtual.servo_hydraulic."""
-
-    valve_gain: Positive = Field(description="a_1 beta_0, from displacement error to valve")
-    velocity_feedback: Annotated[float, Range(ge=0, le=1e12)] = Field(description="a_2, natural velocity feedback")
-    oil_column_rad_s: Annotated[float, Range(ge=-1e6, le=1e6)] = Field(description="a_3, pole of the oil column")
-    valve_damping_rad_s: Positive = Field(description="beta_1 of the valve")
-    valve_stiffness_rad2_s2: Positive = Field(description="beta_2 of the valve")
-    command_gain: Positive = Field(description="gain of the command")
-    force_limit_n: Positive = Field(description="limit of the force, at which it is clipped")
 
 
 class PlantScatter(Strict):

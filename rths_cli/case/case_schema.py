@@ -450,7 +450,8 @@ class Case(CaseKeys):
     @property
     def n_storeys(self) -> int:
         """Return the number of storeys of the total structure; of a frame whose matrices are not read, of the table."""
-        return len(self.structure.numerical.masses_kg) + len(self.structure.experimental.masses_kg)
+        above = 0 if self.structure.experimental.attached else len(self.structure.experimental.masses_kg)
+        return len(self.structure.numerical.masses_kg) + above
 
     @property
     def recorded(self) -> dict[str, RecordedRunSpec]:
@@ -493,6 +494,16 @@ def _compensator_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
 def _rig_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield faults of a real rig with this structure and sample rate: channels, answers that are late or lost."""
     floors, channels = count(data, "structure", "experimental", "masses_kg"), listed(data, "table", "channels") or ()
+    attached = entry(data, "structure", "experimental", "kind") == "attached"
+    if attached != (entry(data, "table", "interface") is not None):
+        told = (
+            "shakes a table, and the structure's specimen is attached to its interface floor; name a rig whose file "
+            "has interface: {command: displacement, feedback: force}, such as servo_hydraulic"
+            if attached
+            else "moves an attached specimen, and storeys of the structure stand on a table; state "
+            "experimental: {kind: attached, ...}, or name a rig that shakes a table"
+        )
+        yield ("table",), told
     own = sum(entry(one, "kind") is None for one in channels)
     if floors is not None and own not in (0, 1 + floors):
         wanted = f"the table's and one per experimental storey, {1 + floors} in all"

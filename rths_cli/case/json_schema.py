@@ -11,7 +11,7 @@ from pydantic import TypeAdapter
 from rths_cli.case.benchmark_schema import BenchmarkSpec
 from rths_cli.case.case_schema import CaseKeys, ReferenceSpec, StructureSpec
 from rths_cli.case.compensator_schema import built_in_compensators
-from rths_cli.case.rig_schema import KINDS, AnyRig, PluginRigSpec, RigSpec
+from rths_cli.case.rig_schema import KINDS, AnyRig, PluginRigSpec, RigSpec, VirtualActuatorSpec, VirtualRigSpec
 from rths_cli.case.study_schema import StudyKeys
 
 MODELS: dict[str, Any] = {
@@ -31,7 +31,7 @@ def schema(kind: str = "case") -> dict[str, Any]:
     """Return the JSON Schema of a case file, or of a structure, rig, reference, study or benchmark file."""
     generated = TypeAdapter(MODELS[kind]).json_schema()
     definitions = generated.pop("$defs")
-    rigs: list[type[RigSpec]] = [*KINDS.values(), PluginRigSpec]
+    rigs: list[type[RigSpec]] = [*KINDS.values(), VirtualActuatorSpec, PluginRigSpec]
     for rig in rigs:
         if rig.__name__ in definitions:
             _allow_name(definitions[rig.__name__]["properties"], "calibration")
@@ -95,13 +95,17 @@ def _any_rig(definitions: dict[str, Any]) -> dict[str, Any]:
     whole: dict[str, Any] = {"$ref": f"#/$defs/{PluginRigSpec.__name__}"}
     for kind, model in reversed(list(KINDS.items())):
         of_kind = {"properties": {"kind": {"const": kind}}, "required": ["kind"]}
-        whole = {"if": of_kind, "then": {"$ref": f"#/$defs/{model.__name__}"}, "else": whole}
+        then: dict[str, Any] = {"$ref": f"#/$defs/{model.__name__}"}
+        if model is VirtualRigSpec:
+            actuator = {"$ref": f"#/$defs/{VirtualActuatorSpec.__name__}"}
+            then = {"if": {"required": ["interface"]}, "then": actuator, "else": then}
+        whole = {"if": of_kind, "then": then, "else": whole}
     return {"if": EXTENDS, "then": _any_varied(definitions), "else": whole}
 
 
 def _any_varied(definitions: dict[str, Any]) -> dict[str, Any]:
     """Return the schema of a variation of a rig of any kind: each key as one of the kinds reads it."""
-    models: list[type[RigSpec]] = [*KINDS.values(), PluginRigSpec]
+    models: list[type[RigSpec]] = [*KINDS.values(), VirtualActuatorSpec, PluginRigSpec]
     kinds = [_varied(definitions[model.__name__], definitions) for model in models]
     readings: dict[str, list[Any]] = {}
     for kind in kinds:

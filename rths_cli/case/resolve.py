@@ -39,6 +39,7 @@ VARIED = "_varied"  # ends the name of what extends something and gives itself n
 DEFAULT_RIG = "aps400_virtual"
 MOST_KEYS = 20  # of a dotted path; no key of a case lies half as deep
 REAL_RUNS = ("sim", "sim_delay", "exp_rths")
+ACTUATOR_RUNS = ("sim", "exp_rths")
 FILES = {"structure": "structures", "table": "rigs", "reference": "references"}
 SHORT_FORMS = {"structure": "extends", "table": "extends", "controller": "kind", "record": "file"}
 RIVALS = {
@@ -432,6 +433,9 @@ def _expand_real_rig(children: dict[str, Node], faults: list[Fault]) -> None:
     A file of such a rig need not be there before it is used: only the model file is looked for, where a case needs it.
     """
     table = children["table"]
+    if "interface" in table.children:
+        runs = tuple(Node(run, table.mark) for run in ACTUATOR_RUNS)
+        children.setdefault("runs", Node(runs, table.mark, table.key_mark))
     if not is_real(table):
         return
     runs = tuple(Node(run, table.mark) for run in REAL_RUNS)

@@ -25,8 +25,8 @@ from rths_cli.case.field_types import Problem, Range, Strict, entry, exactly_one
 from rths_cli.case.further_channel_schema import DEFAULT_UNCERTAINTY, FurtherChannelSpec, Relative, corner_problems
 from rths_cli.case.plugin_interface import GROUP, plugin_kinds
 from rths_cli.case.rig_capabilities import DEFAULT_KIND
-from rths_cli.case.virtual_imperfections_schema import VirtualImperfections
-from rths_cli.case.virtual_physics_schema import AfterIdentification, VirtualPhysics
+from rths_cli.case.virtual_imperfections_schema import ActuatorImperfections, VirtualImperfections
+from rths_cli.case.virtual_physics_schema import AfterIdentification, ServoHydraulicPhysics, VirtualPhysics
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 
 Stroke = Annotated[float, Range(gt=0, le=10)]
@@ -419,6 +419,61 @@ class RealRigSpec(RigSpec):
                 yield ("channels", i, "noise_rms"), ONLY_VIRTUAL
 
 
+class InterfaceSpec(Strict):
+    """Hold what a rig makes of the interface floor's motion, and what it returns; without it: a table that follows its
+    absolute acceleration and returns accelerations, of which the base shear is made."""
+
+    command: Literal["displacement"] = Field(description="the actuator follows the displacement relative to the ground")
+    feedback: Literal["force"] = Field(description="a load cell between actuator and specimen returns the force")
+
+
+class ActuatorSensorsSpec(SensorKeys):
+    """Hold the displacement sensor and the load cell of an actuator."""
+
+    sensitivity_uncertainty: Relative = Field(default=0.0, description=f"{UNCERTAINTY}; default: 0, as declared")
+    displacement_range_m: Stroke = Field(description="of the displacement sensor, +-")
+    displacement_v_per_m: Annotated[float, Range(gt=0, le=1e6)] = Field(description="its sensitivity")
+    displacement_noise_m: Annotated[float, Range(ge=0, le=1)] = Field(default=0.0, description="white, rms per sample")
+    force_range_n: Force = Field(description="of the load cell, +-")
+    force_v_per_n: Annotated[float, Range(gt=0, le=1e6)] = Field(description="its sensitivity")
+    force_noise_n: Annotated[float, Range(ge=0, le=1e8)] = Field(default=0.0, description="white, rms per sample")
+
+
+class ActuatorLimitsSpec(RealLimitsSpec):
+    """Hold the limits of an actuator."""
+
+    elsewhere: ClassVar[Mapping[str, str]] = {"tracking_error_m_s2": "a displacement is commanded: tracking_error_m"}
+
+    acceleration_m_s2: Acceleration = Field(description="by which the guard brakes the command, +-")
+    force_n: Force = Field(description="of the load cell, +-")
+    tracking_error_m: Stroke | None = Field(default=None, description="desired less measured displacement, +-")
+
+
+class VirtualActuatorSpec(RigSpec):
+    """Hold one virtual servo-hydraulic actuator with its load cell, kind virtual with an interface."""
+
+    elsewhere: ClassVar[Mapping[str, str]] = {
+        **VirtualRigSpec.elsewhere,
+        "channels": "an actuator has a displacement sensor and a load cell, described under sensors; remove it",
+        "after_identification": "belongs to a virtual table; remove it",
+        "calibration": "belongs to a table; remove it",
+    }
+
+    kind: Literal["virtual"] = Field(description=KIND)
+    interface: InterfaceSpec = Field(description="what is commanded and what comes back")
+    sensors: ActuatorSensorsSpec = Field(description="displacement sensor and load cell")
+    limits: ActuatorLimitsSpec = Field(description=LIMITS)
+    uncertainty: VirtualUncertaintySpec = Field(default=VirtualUncertaintySpec(), description=DECLARED)
+    physics: ServoHydraulicPhysics = Field(description="what only the virtual actuator itself knows")
+    imperfections: ActuatorImperfections = Field(
+        default=ActuatorImperfections(), description="how the laboratory differs from what its files declare"
+    )
+
+    def unstated(self) -> set[str]:
+        """Return the keys that are left out of the rig as it is written: also imperfections that there are none of."""
+        return super().unstated() | ({"imperfections"} if self.imperfections.off else set())
+
+
 class UdpSpec(Strict):
     """Hold where a target listens, and the secret shared with it."""
 
@@ -631,6 +686,12 @@ def read_rig(data: Any, handler: ValidatorFunctionWrapHandler) -> RigSpec:
     if fault:
         detail = InitErrorDetails(type=refusal(fault), loc=("kind",), input=kind)
         raise ValidationError.from_exception_data(RigSpec.__name__, [detail])
+    if isinstance(data, Mapping) and "interface" in data:
+        if kind != DEFAULT_KIND:
+            told = refusal("belongs to a virtual rig so far; no driver of another kind commands displacements yet")
+            detail = InitErrorDetails(type=told, loc=("interface",), input=kind)
+            raise ValidationError.from_exception_data(RigSpec.__name__, [detail])
+        return VirtualActuatorSpec.model_validate(data)
     return KINDS.get(kind, PluginRigSpec).model_validate(data)
 
 
@@ -651,5 +712,6 @@ def kind_fault(kind: object) -> str:
 
 
 AnyRig = Annotated[
-    VirtualRigSpec | UdpRigSpec | UdpPlainRigSpec | TargetRigSpec | NiRigSpec | PluginRigSpec, WrapValidator(read_rig)
+    VirtualRigSpec | VirtualActuatorSpec | UdpRigSpec | UdpPlainRigSpec | TargetRigSpec | NiRigSpec | PluginRigSpec,
+    WrapValidator(read_rig),
 ]

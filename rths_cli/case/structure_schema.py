@@ -172,6 +172,8 @@ def _storeys_or_program(data: Any, handler: ValidatorFunctionWrapHandler) -> Num
 class ExperimentalSpec(Strict):
     """Hold the storeys on the table: values (n,) of storeys from the table upwards, or of modes."""
 
+    attached: ClassVar[bool] = False
+
     model_config = ConfigDict(
         json_schema_extra=_one_of(
             ("natural_frequencies_hz", "stiffness_n_per_m"), ("damping_ratios", "dashpots_n_s_per_m")
@@ -201,8 +203,42 @@ class ExperimentalSpec(Strict):
             yield ("natural_frequencies_hz",), "must increase from mode to mode; sort them, mode 1 first"
 
 
+class AttachedSpec(ExperimentalSpec):
+    """Hold a specimen between the interface floor and the laboratory's, which an actuator moves: a spring, a dashpot,
+    and the part of the interface floor's mass that is on it. Lists have one entry: one degree of freedom."""
+
+    attached: ClassVar[bool] = True
+
+    kind: Literal["attached"] = Field(description="not storeys on a table: what an actuator at the interface moves")
+    masses_kg: tuple[Annotated[float, Range(ge=0, le=1e7)], ...] = Field(
+        default=(0.0,),
+        min_length=1,
+        max_length=1,
+        description="mass that the load cell moves, part of the interface floor's; default: none, a spring and dashpot",
+    )
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        yield from super().problems({"masses_kg": (0.0,), **data})
+        if not any(one for one in listed(data, "masses_kg") or ()):
+            for key, instead in (
+                ("natural_frequencies_hz", "stiffness_n_per_m"), ("damping_ratios", "dashpots_n_s_per_m")
+            ):  # fmt: skip
+                if data.get(key) is not None:
+                    yield (key,), f"needs a mass, and this specimen has none; state {instead}, or masses_kg"
+
+
+def _storeys_or_attached(data: Any, handler: ValidatorFunctionWrapHandler) -> ExperimentalSpec:
+    """Return storeys on a table or, with a `kind`, an attached specimen; raises the faults of that model alone."""
+    if isinstance(data, ExperimentalSpec):
+        return data
+    stated = isinstance(data, Mapping) and "kind" in data
+    return (AttachedSpec if stated else ExperimentalSpec).model_validate(data)
+
+
 class StructureSpec(Strict):
-    """Hold a shear building: numerical storeys from the ground, experimental storeys above, on the table."""
+    """Hold a shear building: numerical storeys from the ground, experimental storeys above, on the table, or a specimen
+    attached to the interface floor."""
 
     wanted: ClassVar[str] = "a name or a mapping"
 
@@ -211,7 +247,9 @@ class StructureSpec(Strict):
         description="the computed storeys 1 to p, from the ground, the highest is the interface; with a kind: a "
         "program that computes their forces"
     )
-    experimental: ExperimentalSpec = Field(description="the storeys on the table")
+    experimental: Annotated[ExperimentalSpec | AttachedSpec, WrapValidator(_storeys_or_attached)] = Field(
+        description="the storeys on the table; with kind: attached a specimen that an actuator moves"
+    )
     interface_experimental_mass_kg: Annotated[float, Range(ge=0, le=1e7)] = Field(
         default=0.0, description="part of the interface floor's mass that stands on the table"
     )
@@ -233,7 +271,11 @@ class StructureSpec(Strict):
         if on_table is not None and highest is not None and on_table >= highest:
             limit = f"must be < the interface floor's mass {highest:g} kg, got {on_table:g}"
             yield ("interface_experimental_mass_kg",), limit
-        storeys = [count(data.get(part) or {}, "masses_kg") for part in ("numerical", "experimental")]
+        attached = entry(data, "experimental", "kind") == "attached"
+        if attached:
+            yield from _attached_problems(data, highest)
+        parts = ("numerical",) if attached else ("numerical", "experimental")
+        storeys = [count(data.get(part) or {}, "masses_kg") for part in parts]
         if entry(data, "numerical", "matrices") is not None:
             if data.get("heights_m") is not None:
                 yield ("heights_m",), "belongs to a building of storeys alone, numerical has matrices; remove it"
@@ -250,6 +292,21 @@ class StructureSpec(Strict):
             if isinstance(level, Mapping):
                 for loc, message in same_length(level, "dashpots_n_s_per_m", len(masses) or None, "numerical storey"):
                     yield ("damping_levels", key, *loc), message
+
+
+def _attached_problems(data: Mapping[str, Any], interface_kg: float | None) -> Iterator[Problem]:
+    """Yield faults of a building with an attached specimen; `interface_kg`: mass of its interface floor."""
+    if number(data, "interface_experimental_mass_kg"):
+        yield ("interface_experimental_mass_kg",), "belongs to a table; state the specimen's mass in its masses_kg"
+    own = next(iter(listed(data, "experimental", "masses_kg") or ()), 0.0)
+    if interface_kg is not None and isinstance(own, int | float) and own >= interface_kg:
+        yield ("experimental", "masses_kg"), f"must be < the interface floor's mass {interface_kg:g} kg, got {own:g}"
+    if entry(data, "numerical", "kind") is not None:
+        yield ("numerical", "kind"), "a program computes the storeys below a table only; use computed storeys"
+    if entry(data, "numerical", "law") is not None:
+        yield ("numerical", "law"), "storeys with laws stand below a table only; use linear storeys"
+    if entry(data, "numerical", "stiffness_n_per_m") == "mean_of_experimental":
+        yield ("numerical", "stiffness_n_per_m"), "an attached specimen is no storey; state the stiffnesses"
 
 
 def without_dashpots(spec: StructureSpec) -> dict[str, tuple[float, ...]]:

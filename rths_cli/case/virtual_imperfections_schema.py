@@ -278,3 +278,28 @@ class VirtualImperfections(Strict):
             part = getattr(self, name)
             if isinstance(part, Imperfection):
                 yield name, part
+
+
+class ActuatorImperfections(Strict):
+    """Hold how a virtual actuator and its specimen differ from what their files declare; off by default."""
+
+    laboratory: Annotated[int, Range(ge=0, le=2**32 - 1)] | None = Field(
+        default=None, description="number from which values are drawn; default: the seed of the case"
+    )
+    displacement_gain_error: Ratio = Field(default=NONE, description="true over declared sensitivity, less 1")
+    force_gain_error: Ratio = Field(default=NONE, description="true over declared sensitivity of the load cell, less 1")
+    stiffness_error: Ratio = Field(default=NONE, description="true over declared stiffness of the specimen, less 1")
+    damping_error: Ratio = Field(default=NONE, description="true over declared dashpot of the specimen, less 1")
+    oil_column_rad_s: Annotated[Values, Each(ge=-1e6, le=1e6)] = Field(default=NONE, description="added to a_3")
+    valve_damping_error: Ratio = Field(default=NONE, description="true beta_1 over that of physics, less 1")
+    valve_stiffness_error: Ratio = Field(default=NONE, description="true beta_2 over that of physics, less 1")
+
+    @property
+    def drawn(self) -> dict[str, Values]:
+        """Return the values by key."""
+        return {name: value for name in type(self).model_fields if isinstance(value := getattr(self, name), Values)}
+
+    @property
+    def off(self) -> bool:
+        """Return whether every imperfection is off."""
+        return all(value.off for value in self.drawn.values())

@@ -9,6 +9,8 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 from rths_cli.case.field_types import Range, Strict
 from rths_cli.case.storey_law_schema import StoreyLaws
 
+Positive = Annotated[float, Range(gt=0, le=1e18)]
+
 
 class VirtualPhysics(Strict):
     """Hold a virtual table's physics, m_t a = F - c_t v - F_c tanh(v/v_s) + f; defaults: APS 400."""
@@ -44,6 +46,26 @@ class VirtualPhysics(Strict):
         """Leave out laws that there are none of, so that models of older versions stay those of their rig."""
         data: dict[str, Any] = write(self)
         return data if self.specimen_laws else {key: data[key] for key in data if key != "specimen_laws"}
+
+
+class ActuatorNumbers(Strict):
+    """Hold the numbers of rigs.virtual.servo_hydraulic."""
+
+    valve_gain: Positive = Field(description="a_1 beta_0, from displacement error to valve")
+    velocity_feedback: Annotated[float, Range(ge=0, le=1e12)] = Field(description="a_2, natural velocity feedback")
+    oil_column_rad_s: Annotated[float, Range(ge=-1e6, le=1e6)] = Field(description="a_3, pole of the oil column")
+    valve_damping_rad_s: Positive = Field(description="beta_1 of the valve")
+    valve_stiffness_rad2_s2: Positive = Field(description="beta_2 of the valve")
+    command_gain: Positive = Field(description="gain of the command")
+    force_limit_n: Positive = Field(description="limit of the force, at which it is clipped")
+
+
+class ServoHydraulicPhysics(ActuatorNumbers):
+    """Hold the hidden physics of a servo-hydraulic actuator."""
+
+    piston_mass_kg: Annotated[float, Range(ge=0, le=1e6)] = Field(
+        default=0.0, description="mass that moves between oil and load cell, which the cell does not feel"
+    )
 
 
 class AfterIdentification(Strict):

@@ -203,6 +203,7 @@ class CompiledLaw:
     adapted: Adapted | None = None
     at: Callable[[Array], Block] | None = field(default=None, compare=False)
     multiplications: int = 0
+    units_per_v: float = 1.0  # of its command; metres per V of an actuator
 
     @property
     def logs(self) -> tuple[Logged, ...]:
@@ -250,7 +251,8 @@ class Compensator:
 def _agree(law: Law, judged: Block, plant: Plant) -> None:
     """Raise InputError where the block by which a law is judged is another one than its code, for small motions."""
     try:
-        off = code_and_block(law, judged, plant.channels, plant.lag_s / plant.dt_s, exact=False)
+        of_displacement = plant.interface == "displacement"
+        off = code_and_block(law, judged, plant.channels, plant.lag_s / plant.dt_s, False, of_displacement)
     except Exception as error:  # whatever the user's code raises
         off = f"the code failed: {told(error)}"
     if off:

@@ -60,13 +60,17 @@ def motion(dt_s: float, peak_m: float, still_s: float = 0.0) -> Array:
     return np.hstack([np.vstack([accel, velocity, place]), np.zeros((3, round(still_s / dt_s)))])
 
 
-def played(law: Law | BlockLaw, desired: Array, channels: int, lag: float) -> Played:
+def played(law: Law | BlockLaw, desired: Array, channels: int, lag: float, of_displacement: bool = False) -> Played:
     """Play a motion: the table follows late by `lag` samples, the floors as it does, commands are limited to the
-    range."""
+    range.
+
+    `of_displacement`: channel 0 shows the displacement of an actuator, and its load cell no force.
+    """
     made, late = law.new(), max(0, round(lag))
     commands, sizes, sent = np.zeros(desired.shape[1]), np.zeros(desired.shape[1]), 0.0
     for k in range(desired.shape[1]):
-        measured = np.full(channels, desired[0, k - late] if k >= late else 0.0)
+        measured = np.full(channels, desired[2 if of_displacement else 0, k - late] if k >= late else 0.0)
+        measured[1:] *= not of_displacement
         commands[k] = made.command(desired[:, k].copy(), measured, sent)
         sent = min(max(commands[k], -RANGE_V), RANGE_V)
         sizes[k] = np.abs(made.state).max(initial=0.0)
@@ -75,14 +79,17 @@ def played(law: Law | BlockLaw, desired: Array, channels: int, lag: float) -> Pl
     return Played(commands, sizes)
 
 
-def code_and_block(law: Law | BlockLaw, block: Block, channels: int, lag: float, exact: bool) -> str:
+def code_and_block(
+    law: Law | BlockLaw, block: Block, channels: int, lag: float, exact: bool, of_displacement: bool = False
+) -> str:
     """Return by how much the code of a law and its block differ, for a motion of 1 um unless they are to be the same;
     "" where they agree."""
     desired = motion(block.dt_s, LARGE_M if exact else SMALL_M)[:, :COMPARED]
-    code, linear = (played(one, desired, channels, lag).command_v for one in (law, BlockLaw(block)))
+    code, linear = (played(one, desired, channels, lag, of_displacement).command_v for one in (law, BlockLaw(block)))
     if code.size != linear.size:
         return f"the command is not finite after {min(code.size, linear.size)} samples"
     peak = float(np.abs(linear).max(initial=0.0))
     off = float(np.abs(code - linear).max(initial=0.0))
     limit = AGREES if exact else NEAR
-    return "" if off <= limit * peak else f"they differ by {off:.3g} V, with a peak of {peak:.3g} V"
+    unit = "m" if of_displacement else "V"
+    return "" if off <= limit * peak else f"they differ by {off:.3g} {unit}, with a peak of {peak:.3g} {unit}"

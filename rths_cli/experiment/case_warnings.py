@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
 
+STIFFNESS_SHARE = 0.05  # the same of the stiffness of an attached specimen
 FREQUENCY_SHARE, DAMPING_SHARE = 0.02, 0.20  # largest difference from a declared value without a warning, relative
 NEGLIGIBLE = 1e-4  # further difference that is ignored, in Hz or as a damping ratio
 MOST_ABOVE_BAND = 0.10  # share of a compressed record's power above the test band without a warning
@@ -85,6 +86,12 @@ def modes_above_the_bands(setup: Setup) -> list[Finding]:
     one: errors and model are then judged where nothing resonates."""
     building, case, parts = setup.building, setup.case, setup.building.specimen
     whole = float(modes(building.M, building.C, building.K)[0][0])
+    if parts.attached:
+        return [] if whole <= case.test_band_hz else [
+            Finding("case.mode_above_test_band", {
+                "band_hz": case.test_band_hz, "mode_hz": whole, "springs": "stiffness_n_per_m"
+            })
+        ]  # fmt: skip
     fixed = float(modes(np.diag(parts.masses_kg), parts.C, parts.K)[0][0])
     highest, told = case.identification.compared_hz[1], []
     if whole > case.test_band_hz:
@@ -177,6 +184,10 @@ def differences(setup: Setup, identified: Identification) -> list[Finding]:
     if identified.specimen is None:
         return []
     declared = setup.building.specimen
+    if declared.attached:
+        found_k, stated_k = float(identified.specimen.specimen.K[0, 0]), float(declared.K[0, 0])
+        off = {"identified": found_k, "declared": stated_k, "share": STIFFNESS_SHARE}
+        return [Finding("specimen.attached_stiffness", off)] if abs(found_k / stated_k - 1.0) > STIFFNESS_SHARE else []
     frequency, damping = modes(np.diag(declared.masses_kg), declared.C, declared.K)
     pairs = (
         ("natural_frequency", frequency, identified.specimen.natural_frequency_hz, "Hz", FREQUENCY_SHARE),

@@ -49,7 +49,7 @@ from rths_cli.control.numerical_substructure import interface
 from rths_cli.control.program_storeys import ProgramStoreys
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
-from rths_cli.experiment import run_metrics
+from rths_cli.experiment import actuator, run_metrics
 from rths_cli.experiment.adaptive_check import adaptive_faults, adaptive_verdict
 from rths_cli.experiment.design import loop_faults, loop_parts, loop_stability, required_delay_s
 from rths_cli.experiment.one_table_run import drive_of
@@ -464,6 +464,9 @@ class Judged:
     expected_m_s2: Array | None = None  # (n_storeys,) RMS error that the sensors will show, against SIM as declared
     replay: Callable[[], Replayed] | None = None  # the test of storeys with laws, for the budget after the run
     uncertain: Uncertain | None = None  # for the true error after the run; None: the loop is unstable
+    of_actuator: dict[str, ArrayLike] = field(
+        default_factory=dict
+    )  # further metrics of a test with an actuator, by path
 
 
 def preflight_of(setup: Setup, identified: Identification, design: Design) -> preflight.Preflight:
@@ -480,6 +483,8 @@ def judge(setup: Setup, identified: Identification, design: Design, shared: Shar
     InputError if an identified building has no SIM.
     """
     shared = shared or SharedValues()
+    if actuator.is_of_actuator(setup):
+        return _judge_actuator(setup, identified, design, shared)
     nominal = _judge_one(setup, identified, design, shared)
     if not identified.samples:
         return nominal
@@ -492,6 +497,39 @@ def judge(setup: Setup, identified: Identification, design: Design, shared: Shar
         largest_scaling=min(one.largest_scaling for one in (nominal, *samples)),
         samples=samples,
     )
+
+
+def _judge_actuator(setup: Setup, identified: Identification, design: Design, shared: SharedValues) -> Judged:
+    """Check a test with an actuator: its loop as that of a table, its peaks in the test simulated on the identified
+    rig, once as it is and once with noise and rounding of its channels."""
+    blocks, lead = design.blocks, design.blocks.lead_samples
+    found = loop_stability(setup, identified, blocks, shared)
+    rows: tuple[preflight.Reach, ...] = ()
+    sim = actuator.sim_as_identified(setup, identified)
+    values: dict[str, ArrayLike] = {}
+    if found.radius < 1.0:
+        drive = drive_of(setup, design)
+        quiet, noisy = (actuator.simulated_run(setup, identified, blocks, drive, each) for each in (False, True))
+        pairs = zip(*(actuator.reach(setup, each) for each in (quiet, noisy)), strict=True)
+        rows = tuple(
+            replace(
+                loud,
+                fixed=min(max(loud.peak - calm.peak, 0.0), loud.peak),
+                cause="rounding",
+                advice=("finer_converters",),
+            )
+            for calm, loud in pairs
+        )
+        values |= {f"check.peak_{row.name}": row.peak for row in rows}
+        values |= {f"check.limit_{row.name}": row.limit for row in rows}
+        values |= actuator.predicted_storeys(setup, identified, noisy, sim, lead)
+    least_s = required_delay_s(setup, identified, blocks)
+    critical = actuator.critical(setup, identified)
+    verdict = preflight.judge(critical, found, rows, setup.case.scaling, None, least_delay_s=least_s)
+    fragile = preflight.faults_of_loop(found, False, least_s)
+    largest = 0.0 if fragile else preflight.rounded_down(verdict.largest_scaling)
+    modes_of = actuator.modes_of(setup, identified, blocks)
+    return Judged(verdict, *modes_of, None, rms(sim.abs_accel_m_s2), 0.0, largest, None, of_actuator=values)
 
 
 def _judge_sample(setup: Setup, sample: Identification, design: Design, shared: SharedValues, number: int) -> Judged:

@@ -169,7 +169,7 @@ def _figures(judged: Judged) -> dict[str, ArrayLike]:
     if judged.simulated is not None:
         values |= judged.simulated.response
     if found.prediction is None:
-        return values
+        return values | judged.of_actuator
     return values | _reach(found) | _errors(found.prediction)
 
 
@@ -763,6 +763,8 @@ def excitations(setup: Setup, known: IdentifiedModel) -> list[tuple[str, tuple[F
     from rths_cli.experiment.excitation_plan import excitation_faults, excitation_settings, plan
     from rths_cli.identification.low_level_probe import probe_plan
 
+    if setup.rig.interface == "displacement":  # planned with a quarter of each limit
+        return [("identification", ())] if setup.case.identification.model is None else []
     settings = excitation_settings(setup.case.identification)
     found = []
     if setup.case.identification.model is None:

@@ -32,6 +32,7 @@ from rths_cli.control.block_files import placed_block
 from rths_cli.control.compensator import Plant
 from rths_cli.control.continued_table import ContinuedTable, continued_table
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.displacement_interface import measured_force
 from rths_cli.control.feedback import DEFAULT, Feedback, Weights, none
 from rths_cli.control.interface import Interface, force_of_one
 from rths_cli.control.numerical_substructure import INPUTS, INTERFACE, all_storeys
@@ -41,6 +42,7 @@ from rths_cli.control.reaction import compliance
 from rths_cli.control.state_space import static
 from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.errors import InputError
+from rths_cli.experiment import actuator
 from rths_cli.experiment.setup import NUMERICAL, made, placed
 from rths_cli.findings import Finding
 from rths_cli.identification.inputs import PAPER_BAND_HZ
@@ -79,6 +81,8 @@ def loop_parts(
     `there`: the specimen that stands on the table instead of the identified one. If the feedforward `counters_reaction`
     the table moves as the other reaction makes it; otherwise its response stays as identified.
     """
+    if actuator.is_of_actuator(setup):
+        return actuator.rig_of(setup, identified)
     assert identified.specimen is not None  # every case has experimental storeys
     setup = setup.calibrated(identified)
     specimen, model, compared = identified.specimen.specimen, identified.best, setup.compared
@@ -136,7 +140,8 @@ def loop_stability(
     blocks, samples = blocks.linearised(), len(setup.motion.time_s)
     if alone:
         blocks, storeys = table_alone(blocks)
-    gain, continued = setup.rig.uncertainty.table_gain, continued_of(setup, identified, there)
+    gain = setup.rig.uncertainty.table_gain
+    continued = None if actuator.is_of_actuator(setup) else continued_of(setup, identified, there)
     data = identified.best, identified.frfs[0], identified.levels
     found = (shared or SharedValues()).get(
         "stability",
@@ -186,7 +191,7 @@ def _stability(
     samples: int,
     compared: ComparedBand,
     gain: float,
-    continued: ContinuedTable,
+    continued: ContinuedTable | None,
 ) -> preflight.Stability:
     """Return the stability of the loop; `gain`: relative standard uncertainty of the table's gain.
 
@@ -336,6 +341,9 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
     `plain` holds those without, for which the feedback is chosen.
     With `shared`, cases with the same model and weights design the feedback once, whatever their building.
     """
+    if actuator.is_of_actuator(setup):
+        blocks = actuator.design_blocks(setup, identified)
+        return Design(blocks, identified.best, None, measured_force(0).force)
     setup = setup.calibrated(identified)
     case, dt, shared = setup.case, setup.rig.dt_s, shared or SharedValues()
     best = case.method == "best"

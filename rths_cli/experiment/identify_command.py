@@ -290,6 +290,8 @@ def make_model(
     setup = make_setup(load_cases([asked.case], asked.settings)[0])
     outputs = _outputs(asked, setup)
     given, notes = _given(setup)
+    if setup.rig.interface == "displacement":
+        return _of_actuator(asked, setup, outputs, progress, warn)
     planned = None if asked.data else plan(setup)
     present, seen = check_outputs(outputs, _inputs(asked, setup), asked.replace), stamp(outputs.model)
     doubts = specimen_doubts(setup)
@@ -326,6 +328,43 @@ def make_model(
     )
     code, accepted = (0, outputs.model) if found.accepted else (1, None)
     return Made(replace(about, lines=lines), found, outputs.figure, None, code, accepted)
+
+
+def _of_actuator(asked: Asked, setup: Setup, outputs: Outputs, progress: Progress, warn: Progress) -> Made:
+    """Identify an actuator and write its model file; no figure is drawn."""
+    from rths_cli.experiment import actuator
+
+    for what, given in (("--data: recordings", asked.data), ("--save-data: the records", asked.save_data),
+                        ("identification.model: another model", setup.case.identification.model)):  # fmt: skip
+        if given:
+            raise InputError(
+                f"{what} of an actuator cannot be taken yet, a virtual actuator is identified by its own multisine; "
+                "leave it out"
+            )
+    outputs = replace(outputs, figure=None)
+    present, seen = check_outputs(outputs, _inputs(asked, setup), asked.replace), stamp(outputs.model)
+    found, played, measured = actuator.identify(setup, progress)
+    found = noted(found, differences(setup, found))
+    make_folders(outputs)
+    source, sha256_of_data = "excited on the virtual actuator for this model", actuator.data_sha256(played, measured)
+    model, sha256 = save(outputs.model, setup, found, source, sha256_of_data, seen)
+    if model != outputs.model:
+        warn(taken_sentence(outputs.model, model))
+    fit = found.specimen
+    assert fit is not None and found.at_rest is not None
+    own, seconds = fit.specimen, played.period * setup.rig.dt_s
+    lines = (
+        ("structure", f"{setup.case.structure.name}, case {setup.case.name}"),
+        ("excitation", f"multisine, 5 periods of {seconds:g} s, {played.frequency_hz[0]:.3g}-"
+                       f"{played.frequency_hz[-1]:.3g} Hz, a quarter of the nearest limit"),
+        ("specimen", f"stiffness {own.K[0, 0]:.5g} N/m, dashpot {own.C[0, 0]:.4g} N s/m, "
+                     f"mass {own.masses_kg[0]:.4g} kg"),
+        ("noise at rest", f"displacement {1e6 * found.at_rest[0]:.3g} um, force {found.at_rest[1]:.3g} N rms"),
+        ("model file", f"{shown(outputs.model)}{_mark(outputs.model, present)}, SHA-256 {sha256[:16]}"),
+    )  # fmt: skip
+    about = About(setup.rig.name, setup.rig.kind, source, lines, setup.compared)
+    code, accepted = (0, model) if found.accepted else (1, None)
+    return Made(about, found, None, None, code, accepted)
 
 
 def _mark(path: Path, replaced: Sequence[Path]) -> str:

@@ -18,7 +18,6 @@ from rths_cli.numerics.lti import Model
 
 if TYPE_CHECKING:
     from rths_cli.files.foreign_models import ForeignModel
-    from rths_cli.identification.excitation import Excitation
     from rths_cli.identification.results import SessionChange
 
 NOW, AT_REST = "identified in this run", "identified just now (simulated, no hardware)"
@@ -49,7 +48,7 @@ class Memory:
 
     def __init__(self, cache: Cache | None = None, known: Mapping[str, IdentifiedModel] | None = None) -> None:
         self._cache = cache
-        self._plans: dict[str, Excitation] = {}
+        self._plans: dict[str, Any] = {}
         self._files: dict[str, Stored | ForeignModel] = {}
         self._known: dict[str, IdentifiedModel] = dict(known or {})
         self._sessions: dict[str, SessionChange | str] = {}
@@ -77,12 +76,13 @@ class Memory:
         """Return whether the cache has a model for the setup; then its excitation has been planned before."""
         return self._cache is not None and not setup.rig.can.moves_hardware and self._cache.has(setup)
 
-    def plan(self, setup: Setup) -> Excitation:
+    def plan(self, setup: Setup) -> Any:
         """Return the excitation of the setup's rig; raises InputError when its settings cannot be met."""
         if key(setup) not in self._plans:
+            from rths_cli.experiment.actuator import is_of_actuator, planned_excitation
             from rths_cli.experiment.excitation_plan import plan
 
-            self._plans[key(setup)] = plan(setup)
+            self._plans[key(setup)] = planned_excitation(setup) if is_of_actuator(setup) else plan(setup)
         return self._plans[key(setup)]
 
     def identify(self, setup: Setup, progress: Progress) -> Identification:
@@ -151,6 +151,13 @@ class Memory:
 
         if setup.rig.can.steps_itself and isinstance(file, Stored):
             return IdentifiedModel(file.found, f"{_named(file)}; its rig takes no command of an excitation")
+        if setup.rig.interface == "displacement":
+            if not isinstance(file, Stored):
+                raise InputError(
+                    f"identification.model: {shown(file.path)} is of another program, and models of an actuator are "
+                    "taken from rths identify only; remove the key, or identify the actuator"
+                )
+            return IdentifiedModel(file.found, f"{_named(file)}; not verified by a record before the test")
         if not isinstance(file, Stored):
             measured = measure(setup, progress, self.plan(setup))
             found = evaluated(setup, measured, as_model(file, setup))
@@ -174,12 +181,17 @@ class Memory:
         stored = self._cache.find(setup) if self._cache and not setup.rig.can.moves_hardware else None
         if stored is not None:
             return IdentifiedModel(stored.found, f"cache, identified {stored.age}")
+        from rths_cli.experiment import actuator
         from rths_cli.experiment.identify_on_rig import evaluated, measure
 
-        measured = measure(setup, progress, self.plan(setup))
-        found = evaluated(setup, measured)
+        if actuator.is_of_actuator(setup):
+            found, played, samples = actuator.identify(setup, progress)
+            sha256 = actuator.data_sha256(played, samples)
+        else:
+            measured = measure(setup, progress, self.plan(setup))
+            found, sha256 = evaluated(setup, measured), measured.sha256
         if self._cache and not setup.rig.can.moves_hardware:
-            self._cache.keep(setup, found, measured.sha256)
+            self._cache.keep(setup, found, sha256)
         return IdentifiedModel(found, NOW)
 
 

@@ -118,7 +118,8 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
     fits = (found.specimen, found.free_vibration, found.low_level)
     for where, fit in zip(RECORDS, fits, strict=True):
         if fit is not None:
-            groups[f"specimen/{where}"] = {**_fields(fit), **_fields(fit.specimen)}
+            own = {name: value for name, value in _fields(fit.specimen).items() if name != "attached"}
+            groups[f"specimen/{where}"] = {**_fields(fit), **own}
     if found.friction is not None:
         groups["friction"] = _fields(found.friction)
     if found.latency is not None:
@@ -135,6 +136,8 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
         groups["low_level_lines"] = _fields(found.low_level_lines)
     if found.nonlinear is not None:
         groups["nonlinear_specimen"] = _fields(found.nonlinear)
+    if found.at_rest is not None:
+        groups["actuator"] = dict(zip(("displacement_noise_m", "force_noise_n"), found.at_rest.tolist(), strict=True))
     for table in TABLES:
         if rows := getattr(found, table):
             groups[table] = _columns(rows)
@@ -154,7 +157,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         paper=_made(Model, groups["table/paper"]),
         best_error=_made(FitError, groups["fit_error/best"]),
         paper_error=_made(FitError, groups["fit_error/paper"]),
-        specimen=_specimen(groups.get("specimen/excitation")),
+        specimen=_specimen(groups.get("specimen/excitation"), attached="force" in names),
         free_vibration=_specimen(groups.get("specimen/free_vibration")),
         low_level=_specimen(groups.get("specimen/low_level")),
         verdict=_verdict(groups["verdict"]),
@@ -167,6 +170,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         low_level_m_s2=float(groups["low_level"]["accel_rms_m_s2"]) if "low_level" in groups else None,
         low_level_lines=_made(LowLevelLines, groups["low_level_lines"]) if "low_level_lines" in groups else None,
         nonlinear=_made(NonlinearSpecimen, groups["nonlinear_specimen"]) if "nonlinear_specimen" in groups else None,
+        at_rest=np.array([float(one) for one in groups["actuator"].values()]) if "actuator" in groups else None,
         **tables,
     )
 
@@ -188,10 +192,10 @@ def _verdict(values: Values) -> Verdict:
     return replace(_made(Verdict, values), refusals=refusals, notes=notes)
 
 
-def _specimen(values: Values | None) -> SpecimenFit | None:
+def _specimen(values: Values | None, attached: bool = False) -> SpecimenFit | None:
     if values is None:
         return None
-    return _made(SpecimenFit, {**values, "specimen": _made(Specimen, values)})
+    return _made(SpecimenFit, {**values, "specimen": replace(_made(Specimen, values), attached=attached)})
 
 
 def _fields(item: Any) -> dict[str, Any]:

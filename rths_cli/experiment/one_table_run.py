@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.experiment import lost_samples, run_metrics, run_signals
+from rths_cli.experiment import actuator, lost_samples, run_metrics, run_signals
 from rths_cli.experiment.late_answers import answer_findings, answer_metrics
 from rths_cli.experiment.planned_motion import PlannedMotion, effective_limits, foreseen_causes
 from rths_cli.experiment.real_rig_readiness import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
@@ -140,7 +140,8 @@ def plan_run(
 
     `planned`: the motion that the run needs, to which the guard's limits are set; None: those of the rig file alone.
     """
-    expected = expected_of(setup, identified, design.blocks) if identified is not None else None
+    compared = identified is not None and not actuator.is_of_actuator(setup)
+    expected = expected_of(setup, identified, design.blocks) if compared and identified is not None else None
     limits = effective_limits(guard_limits(setup), planned)
     return RunPlan(setup, design, kind, drive_of(setup, design), limits, expected, foreseen_causes(limits, planned))
 
@@ -195,6 +196,8 @@ def run_of(
     """
     dt_s, samples = setup.rig.dt_s, len(setup.motion.time_s)
     series = on_record_clock(outcome, lead_samples, dt_s, samples)
+    if actuator.is_of_actuator(setup):
+        series, only_accelerations = actuator.with_felt_force(series), False
     drift = drift_of(setup, expected, outcome) if expected is not None else None
     warnings: tuple[Finding, ...] = ()
     if drift is not None and drift.any and expected is not None:
@@ -242,12 +245,20 @@ def evaluated(
         budget, causes = run_metrics.of_exp_rths(loop, run.series, run.abs_accel_m_s2, sim, test)
         values |= budget
     return replace(
-        run, metrics=values, causes=causes, remarks=run_metrics.remarks(setup, run.kind.name, run.series.desired[0])
+        run,
+        metrics=values,
+        causes=causes,
+        remarks=run_metrics.remarks(
+            setup, run.kind.name, run.series.desired[2 if actuator.is_of_actuator(setup) else 0]
+        ),
     )
 
 
 def metrics_of_record(run: Run, setup: Setup, sim: Response) -> Values:
     """Return the metrics of a run that reached the end of its record, without those of its timing."""
+    if actuator.is_of_actuator(setup):
+        assert run.building is not None
+        return {**errors_of(run, setup, sim), **actuator.metrics(setup, run.kind.name, run.series, sim, run.building)}
     values: dict[str, ArrayLike] = {}
     if run.drift is not None:
         values |= run_signals.as_figures(run.kind.name, run.drift, setup, run.lead_samples)
@@ -264,10 +275,16 @@ def errors_of(run: Run, setup: Setup, sim: Response, room: Array | None = None) 
     """Return a run's tracking errors and, of EXP-RTHS, its errors to SIM; `room` as `room_for_pairs` gives it."""
     lowest_hz, truth, accel = lowest_reliable_hz(setup), run.series.has_truth, run.abs_accel_m_s2
     series, storeys = run.series, None
-    table = (series.desired[0], series.measured[0], series.true_accel[0] if truth else None)
+    table: run_metrics.Compared | None = None
+    if not actuator.is_of_actuator(setup):
+        table = (series.desired[0], series.measured[0], series.true_accel[0] if truth else None)
     if accel is not None:
         storeys = (sim.abs_accel_m_s2, accel, series.with_true(accel) if truth else None)
     values = run_metrics.errors(run.kind.name, table, storeys, setup.rig.dt_s, lowest_hz, room, setup.case.test_band_hz)
+    if table is None:
+        values = {**values, **run_metrics.relative_errors(
+            run.kind.name, values, sim.abs_accel_m_s2, setup.rig.dt_s, lowest_hz, setup.case.test_band_hz
+        )}  # fmt: skip
     return {**values, f"{run.kind.name}.high_pass_hz": lowest_hz}
 
 

@@ -20,6 +20,7 @@ from rths_cli.analysis.references import reference_of
 from rths_cli.control.interface import COMMANDED
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.state_space import discretise
+from rths_cli.experiment import actuator
 from rths_cli.experiment.design import loop_parts
 from rths_cli.experiment.real_rig_readiness import guard_limits
 from rths_cli.findings import Finding
@@ -81,6 +82,8 @@ def planned_motion(
 
     `drive` (n, 3): acceleration, velocity and displacement of the ground; `source` of the step: RECORD or NUMERICAL.
     """
+    if actuator.is_of_actuator(setup):
+        return _of_actuator(setup, identified, design.blocks, drive)
     demand, blocks = _demand(setup, drive, source), design.blocks
     if demand is not None:
         own = bool(setup.parts) or blocks.runs_own_code
@@ -104,6 +107,19 @@ def planned_motion(
         return demand
     both = [_peaks(setup, blocks, outcome.log) for outcome in (nominal, full)]
     return replace(_larger(*both), listens=_listens(blocks, source))
+
+
+def _of_actuator(
+    setup: Setup, identified: Identification, blocks: Blocks, drive: Array
+) -> PlannedMotion | None:  # fmt: skip
+    """Return the motion that a test with an actuator needs, whose channels are displacement and force; None for a loop
+    that does not settle."""
+    both = [actuator.simulated_run(setup, identified, blocks, drive, noisy) for noisy in (False, True)]
+    sim = actuator.sim_as_identified(setup, identified)
+    most = SETTLES * float(np.abs(sim.rel_disp_m[-1]).max()) + SETTLES * setup.rig.limits.stroke_m
+    if not all(one.played and np.abs(one.log.corrected[0]).max() <= most for one in both):
+        return None
+    return _larger(*(_peaks(setup, blocks, one.log) for one in both))
 
 
 def effective_limits(limits: GuardLimits, planned: PlannedMotion | None) -> GuardLimits:
@@ -159,8 +175,9 @@ def guard_figures(setup: Setup, name: str, planned: PlannedMotion | None) -> dic
         ),
         "deviation_m": (planned.deviation_m, limits.deviation_m),
         **tracking,
-        "acceleration_m_s2": (float(planned.accel_m_s2[0]), float(limits.abort[0])),
     }
+    if needs is not None:
+        rows["acceleration_m_s2"] = (float(planned.accel_m_s2[0]), float(limits.abort[0]))
     return {
         f"check.{name}_{what}_{leaf}": value
         for leaf, row in rows.items()
@@ -175,6 +192,8 @@ def guard_findings(setup: Setup, label: str, planned: PlannedMotion | None) -> t
     if planned is None:
         return (Finding("guard.unplanned").at("at.run", run=label),)
     own = effective_limits(guard_limits(setup), planned)
+    if planned.tracking_error_m_s2 is None:  # of an actuator: its force limit trips as the rig file states it
+        return ()
     rows = (
         ("stroke_m", limits.stroke_m, own.reach_m, "m"),
         ("acceleration_m_s2", limits.acceleration_m_s2, float(own.abort.max()), "m/s^2"),

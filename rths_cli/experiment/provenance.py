@@ -16,14 +16,13 @@ from rths_cli.structure import first_mode_ratio
 from rths_cli.version import __version__
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.design import Design
     from rths_cli.experiment.setup import Setup
     from rths_cli.numerics.lti import Model
 
 PACKAGES = ("numpy", "scipy", "numba", "h5py", "pydantic")
 
 
-def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[str, str | int | float]:
+def attributes(setup: Setup, model: Model | None, command_line: str) -> dict[str, str | int | float]:
     """Return the root attributes of a result file except format, status and reason."""
     case, building = setup.case, setup.building
     published = case.published()
@@ -49,7 +48,7 @@ def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[s
         "package_versions": versions(),
         "git_commit": git_commit(),
         "record_sha256": setup.record_sha256,
-        "model_sha256": model_sha256(design.model) if design else "",
+        "model_sha256": model_sha256(model) if model else "",
         "record_name": case.record.name,
         **({} if case.record.baseline is None else {"record_baseline": case.record.baseline.remove}),
         **({} if case.record.component is None else {"record_component": case.record.component}),

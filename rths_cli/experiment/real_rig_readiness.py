@@ -107,19 +107,22 @@ def guard_limits(setup: Setup) -> GuardLimits:
     bits = np.array([rig.converters.step_v / c.sensitivity_v_per_unit for c in rig.channels])
     saturation = [min(c.range_v, rig.converters.range_v) for c in rig.channels]
     mass = setup.building.interface_experimental_mass_kg
+    of_force = rig.interface == "displacement"
+    weights = np.array([0.0, 1.0]) if of_force else np.concatenate([[rig.moving_mass_kg], setup.floor_masses_kg])
+    limited = np.array([rig.limits.stroke_m, math.inf]) if of_force else rig.limits.acceleration_m_s2
     return GuardLimits(
         stroke_m=rig.limits.stroke_m,
         velocity_m_s=rig.limits.velocity_m_s,
         acceleration_m_s2=rig.limits.acceleration_m_s2,
         force_n=rig.limits.force_n,
         command_v=rig.converters.range_v,
-        tracking_error=rig.limits.tracking_error_m_s2,
+        tracking_error=rig.limits.tracking_error_m if of_force else rig.limits.tracking_error_m_s2,
         gain_m_per_v=rig.gain_m_per_v,
         dt_s=rig.dt_s,
-        force_weights=np.concatenate([[rig.moving_mass_kg], setup.floor_masses_kg]),
+        force_weights=weights,
         saturation_v=SATURATED_SHARE * np.array(saturation),
         stuck=np.where(bits > 0.0, STUCK_BITS * bits, math.inf),
-        abort=np.array([min(c.abort, rig.limits.acceleration_m_s2) for c in rig.channels]),
+        abort=np.minimum([c.abort for c in rig.channels], limited),
         command_rate_v_s=rig.limits.command_rate_v_s,
         energy_ratio=_energy_ratio(rig),
         further=further_limits(rig, cell_reads(setup.floor_masses_kg, mass, 0.0)),

@@ -138,13 +138,22 @@ def write_table_run(
         forces = np.zeros((len(setup.building.numerical.masses_kg), series.command_v.size))
         forces[: len(series.law_force_n)] = series.law_force_n
         values |= _restoring(setup, hybrid[0], forces)
-    values |= {
-        "interface_accel_desired_m_s2": series.desired[0],
-        "interface_accel_measured_m_s2": series.measured[0],
-        "command_v": series.command_v,
-        "floor_accel_measured_m_s2": series.measured[1:],
-        "floor_accel_estimated_m_s2": series.estimated[2 * floors : 3 * floors],
-    }
+    if setup.building.specimen.attached:
+        scales = {}
+        values |= {
+            "interface_disp_desired_m": series.desired[2],
+            "interface_disp_measured_m": series.measured[0],
+            "measured_force_n": series.measured[1],
+            "command_v": series.command_v,
+        }
+    else:
+        values |= {
+            "interface_accel_desired_m_s2": series.desired[0],
+            "interface_accel_measured_m_s2": series.measured[0],
+            "command_v": series.command_v,
+            "floor_accel_measured_m_s2": series.measured[1:],
+            "floor_accel_estimated_m_s2": series.estimated[2 * floors : 3 * floors],
+        }
     if series.removed is not None:
         values["sensor_drift_m_s2"] = series.removed
         scales["channel"] = np.arange(1, len(series.removed) + 1)
@@ -160,6 +169,8 @@ def write_table_run(
     timed = {"compute_s": (WITH_RIG,) if setup.rig.can.counts_steps else ()}
     if run not in setup.recorded:  # whose durations nobody measured
         writer.group(f"{run}/timing", {"compute_s": series.compute_s, **series.live}, time, storey, remarks=timed)
+    if setup.building.specimen.attached and series.true_disp_m.size:
+        writer.group(f"{run}/truth", {"table_disp_m": series.true_disp_m}, time, storey)
     if series.has_truth:
         truth = {
             "table_accel_m_s2": series.true_accel[0],
@@ -174,6 +185,8 @@ def write_table_run(
 
 def _remarks_on_samples(setup: Setup, series: Series) -> dict[str, tuple[str, ...]]:
     """Return remarks on the processing of a run's measured accelerations, by dataset."""
+    if setup.building.specimen.attached:
+        return {}
     drift = (DRIFT_REMOVED,) if series.removed is not None else ()
     sensed = (CORRECTED if setup.removes_sensors else AS_SENSED, *drift)
     hold = (HOLD_REMOVED,) if setup.case.method == "best" else ()
@@ -268,7 +281,9 @@ def design_figures(setup: Setup, identified: Identification, design: Design) -> 
     if design.chosen_filter is not None:
         values["controller.chosen_kalman_q"] = design.chosen_filter.q
         values["controller.chosen_kalman_residual_hz"] = design.chosen_filter.residual_hz
-    return values | _latency_figures(setup, identified, design) if design.blocks.judged else values
+    if setup.building.specimen.attached or not design.blocks.judged:
+        return values
+    return values | _latency_figures(setup, identified, design)
 
 
 def _latency_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, ArrayLike]:

@@ -449,7 +449,8 @@ def _attributes(
     judged = checked.of_run(main)[0] if checked else ""
     verdict = {"check_verdict": judged, "units_in_doubt": ", ".join(keys_in_doubt(setup))}
     made = {"controller": OWN, "rig_kind": RECORDED} if setup.recorded else {}
-    return attributes(setup, checked.design if checked else None, command_line) | model | verdict | made
+    made_from = checked.design.model if checked and checked.design else None
+    return attributes(setup, made_from, command_line) | model | verdict | made
 
 
 def _on_table(

@@ -203,6 +203,8 @@ def whole_building(
         samples = series.desired.shape[1]
         vel[-1] = series.desired[1] - own.ground.velocity_m_s[:samples]
         disp[-1] = series.desired[2] - own.ground.displacement_m[:samples]
+    if building.specimen.attached:  # the actuator shows its displacement; accelerations are the computed ones
+        return BuildingMotion(np.vstack([disp[:-1], series.measured[:1]]), vel, accel)
     rel_disp = np.vstack([disp, disp[-1] + series.estimated[:floors]])
     rel_vel = np.vstack([vel, vel[-1] + series.estimated[floors : 2 * floors]])
     return BuildingMotion(rel_disp, rel_vel, np.vstack([accel[:-1], series.measured]))

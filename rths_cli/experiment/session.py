@@ -26,7 +26,9 @@ MOST_ALIAS = 3.0  # times as much as any instant of sampling makes it
 def wants_session_record(setup: Setup) -> bool:
     """Return whether a case's table runs begin with the record at low level; a rig that steps itself plays none."""
     asked = setup.case.session_record
-    return not setup.rig.can.steps_itself and (asked == "always" or (asked == "automatic" and setup.rig.calibrates))
+    if setup.rig.interface == "displacement" or setup.rig.can.steps_itself:
+        return False
+    return asked == "always" or (asked == "automatic" and setup.rig.calibrates)
 
 
 def session_key(setup: Setup) -> str:

@@ -220,6 +220,7 @@ def make_setup(
     With `shared`, cases with the same record or building compute it once.
     """
     faults = [*_payload_faults(case), *_accept_faults(case), *calibration_faults(case)]
+    faults += unserved(case, bool(parts), bool(samples)) if case.structure.experimental.attached else []
     if faults:
         raise InputError(*(placed(case, fault) for fault in faults))
     shared = shared or SharedValues()
@@ -450,6 +451,35 @@ def _payload_faults(case: Case) -> list[str]:
         f"structure: the specimen weighs {weight:g} kg, rig {case.table.name} carries at most "
         f"{payload:g} kg (nominal.payload_kg); {advice}"
     ]
+
+
+def unserved(case: Case, parts: bool = False, samples: bool = False) -> list[str]:
+    """Return a sentence for each thing that a case asks for and that a test with an actuator does not have yet."""
+    controller, runs = case.controller, [run for run in case.runs if run not in ("sim", "exp_rths")]
+    asked = {
+        "method: paper is the control of a table": case.method == "paper",
+        "controller: FF+FB tracks an acceleration; use FF, none, or a compensator such as pi_lead": (
+            controller.kind == "FF+FB"
+        ),
+        "controller.reaction_feedforward: counters what a specimen does to a table": (
+            getattr(controller, "reaction_feedforward", None) is True
+        ),
+        "controller.friction_compensation: counters the friction of a table": (
+            getattr(controller, "friction_compensation", None) is True
+        ),
+        f"runs: {' and '.join(runs)} are of a table; remove them, sim and exp_rths are left": bool(runs),
+        "session_record: compares the accelerometers of a table": case.session_record == "always",
+        "identification.excitation: an actuator is excited by a multisine": (
+            "identification.excitation" in case.stated and case.identification.excitation != "multisine"
+        ),
+        "shear_from: the force is the load cell's": "shear_from" in case.stated,
+        "check.specimen_range: is judged on a table only": case.check is not None,
+        "scale: a model of a prototype stands on a table": case.scale is not None,
+        "parts: of the caller's own stand in tests on a table only": parts,
+        "samples: of an identified model are judged on a table only": samples,
+        f"{next(iter(case.recorded), '')}: recordings of tests on a table only are judged": bool(case.recorded),
+    }
+    return [told for told, is_asked in asked.items() if is_asked]
 
 
 def _accept_faults(case: Case) -> list[str]:

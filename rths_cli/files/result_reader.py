@@ -450,6 +450,12 @@ def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:
     if not isinstance(found, h5py.h5d.DatasetID):
         if reason := left_out(name, str(attribute(file, "series") or KEPT_SERIES[0])):
             raise SeriesLeftOut(path, reason)
+        if "interface_accel" in name and part(file, "exp_rths/interface_disp_desired_m") is not None:
+            raise InputError(
+                f"{path}: is of a test with an actuator, which measures no accelerations; its figures "
+                "and its page are not drawn yet: rths report without --figures and --format html prints its numbers, "
+                "rths export its series"
+            )
         raise InputError(f"{path}: holds no dataset {name}; its groups are {', '.join(file)}.")
     node = h5py.Dataset(found)
     scales = list(_scales_of(node, name))

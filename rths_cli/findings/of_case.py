@@ -26,6 +26,10 @@ CASE = {
         "test_band_hz: errors up to {band_hz:g} Hz leave out the building's first mode, {mode_hz:.3g} Hz; raise it, or "
         "check the units of structure.experimental.{springs}"
     ),
+    "specimen.attached_stiffness": warns(
+        "the specimen's identified stiffness is {identified:.4g} N/m, declared are {declared:.4g} N/m: more than "
+        "{share:.0f %} apart; SIM is that of the declared one, correct structure.experimental.stiffness_n_per_m"
+    ),
     "case.mode_above_compared_band": warns(
         "identification.compared_hz: the model is compared up to {band_hz:.3g} Hz, below the specimen's first mode, "
         "{mode_hz:.3g} Hz; raise it, or test_band_hz"

@@ -396,6 +396,7 @@ class Identification:
     nonlinear: NonlinearSpecimen | None = None  # the specimen at every level; None: linear, or not known
     pitch: Pitch | None = None  # of the specimen's base; None: not known
     session: SessionChange | None = None  # what `calibration` and `best` hold of a later session; None: nothing
+    at_rest: Array | None = None  # (2,) noise of an actuator's channels at rest, rms in m and N; None: of a table
     # equally likely identifications, without samples themselves; (): the model's uncertainty is not known as a whole
     samples: tuple[Identification, ...] = ()
 

@@ -25,6 +25,8 @@ class CompiledCommand(NamedTuple):
     desired: Array  # (3,) handed over
     measured: Array  # (c,) handed over
     logged: Array  # (k,) values of the parameters that move
+    units_per_v: float  # of its command: 1 for V, of an actuator metres
+    v_per_unit: float
 
     def feed_forward(self, motion: Array, corrected: Array, sent: Array, command: Array) -> None:
         """Write the command (1,) in V for the desired motion (3, 1), as parts.Feedforward."""
@@ -33,8 +35,10 @@ class CompiledCommand(NamedTuple):
         for c in range(self.measured.size):
             self.measured[c] = corrected[c]
         command[0] = call_command(
-            self.address, self.parameters, self.state, self.after, self.desired, self.measured, sent[0, 0]
-        )
+            self.address, self.parameters, self.state, self.after, self.desired, self.measured,
+            sent[0, 0] * self.units_per_v,
+        )  # fmt: skip
+        command[0] *= self.v_per_unit
         for i in range(self.state.size):
             self.state[i] = self.after[i]
 
@@ -44,5 +48,5 @@ def compiled_command(design: CompiledLaw, interface: Interface, room: Room) -> C
     channels = interface.force.samples.shape[1]
     return CompiledCommand(
         design.function.address, design.parameters.copy(), room.take(design.states), np.zeros(design.states),
-        np.zeros(3), np.zeros(channels), np.zeros(len(design.logs)),
+        np.zeros(3), np.zeros(channels), np.zeros(len(design.logs)), design.units_per_v, 1.0 / design.units_per_v,
     )  # fmt: skip

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rths_cli.control.displacement_interface import StoreysOfActuator
 from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.control.interface import Interface
 from rths_cli.control.state_space import static
@@ -241,3 +242,59 @@ def compensated_feedforward(design: FrictionFeedforward, interface: Interface, r
         linear_s_per_m=design.linear_s_per_m,
         lead_s=design.lead_s,
     )
+
+
+@part_class
+class DenseStoreys(NamedTuple):
+    """A numerical substructure as a block of n states, whose outputs (3 i,) are all relative to the ground."""
+
+    A: Array  # (n, n)
+    B: Array  # (n, 1 + i) by ground acceleration and forces
+    C: Array  # (3 i, n)
+    D: Array  # (3 i, 1 + i)
+    state: Array  # (n,)
+    following: Array  # (n,) the next state
+    direct: Array  # (i, i)
+    felt: Array  # (n + 2,) of which state, ground acceleration and force make the force that is felt
+    logged: Array  # (1,) that force
+
+    def free(self, ground: Array, accel: Array) -> None:
+        """Write the accelerations (i,) of the interface without interface force, as parts.NumericalSubstructure."""
+        for i in range(accel.size):
+            accel[i] = self.D[i, 0] * ground[0]
+            for j in range(self.state.size):
+                accel[i] += self.C[i, j] * self.state[j]
+
+    def advance(self, ground: Array, force: Array, motion: Array) -> None:
+        """Write the interface's motion (3, i) and go to the next instant, as parts.NumericalSubstructure."""
+        axes, n = force.size, self.state.size
+        self.logged[0] = self.felt[n] * ground[0] + self.felt[n + 1] * force[0]
+        for j in range(n):
+            self.logged[0] += self.felt[j] * self.state[j]
+        for q in range(3):
+            for i in range(axes):
+                row = q * axes + i
+                value = self.D[row, 0] * ground[0]
+                for j in range(self.state.size):
+                    value += self.C[row, j] * self.state[j]
+                for j in range(axes):
+                    value += self.D[row, 1 + j] * force[j]
+                motion[q, i] = value
+        for i in range(self.state.size):
+            value = self.B[i, 0] * ground[0]
+            for j in range(self.state.size):
+                value += self.A[i, j] * self.state[j]
+            for j in range(axes):
+                value += self.B[i, 1 + j] * force[j]
+            self.following[i] = value
+        for i in range(self.state.size):
+            self.state[i] = self.following[i] + 0.0
+
+
+def dense_storeys(design: StoreysOfActuator, interface: Interface, room: Room) -> DenseStoreys:
+    """Return the storeys of a test with an actuator at rest."""
+    block, axes = design.block, len(interface.channels)
+    a, b, c, d = (np.ascontiguousarray(getattr(block, name)) for name in "ABCD")
+    direct = np.ascontiguousarray(d[:axes, 1:])
+    felt = np.concatenate([design.force.C[0], design.force.D[0]])
+    return DenseStoreys(a, b, c, d, room.take(len(a)), np.zeros(len(a)), direct, felt, np.zeros(1))

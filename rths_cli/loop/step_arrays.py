@@ -9,6 +9,7 @@ import numpy as np
 
 from rths_cli.control.compensator import CompiledLaw
 from rths_cli.control.designed_blocks import Blocks, with_cell
+from rths_cli.control.displacement_interface import StoreysOfActuator
 from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.control.interface import COMMANDED, Interface, PartDesign
 from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
@@ -21,6 +22,7 @@ from rths_cli.loop.linear_parts import (
     OpenLoop,
     channelwise,
     compensated_feedforward,
+    dense_storeys,
     kalman_filter,
     linear_feedback,
     linear_feedforward,
@@ -39,6 +41,7 @@ Make = Callable[[Any, Interface, Room], Any]
 NUMERICAL_PARTS: dict[type, Make] = {
     Block: modal,
     StoreysWithLaws: storeys_and_forces,
+    StoreysOfActuator: dense_storeys,
     PythonSubstructure: called_substructure,
 }
 FEEDFORWARD_PARTS: dict[type, Make] = {

@@ -118,6 +118,7 @@ TIME, ON_STOREYS, ON_FLOORS, ON_CHANNELS = (
 )  # fmt: skip
 SHEAR = "force f of the specimen on the interface floor, Eq. 2.6"
 LAWS = "where storeys have laws, since 0.2"
+ACTUATOR = "where a displacement is commanded"
 RESTORING = "force of the storey's spring and laws, without dashpots"
 DRIFT = "inter-storey drift: displacement less that of the floor, or ground, below"
 STOREY_SHEAR = (
@@ -236,6 +237,12 @@ def _of_table_run() -> Iterator[DatasetDeclaration]:
         measured, ACCEL, TIME, "measured", "table acceleration", remarks=(*SENSED, HOLD_REMOVED), essential=True
     )  # fmt: skip
     yield DatasetDeclaration("RUN/command_v", "V", TIME, "computed", "command that left the guard", essential=True)
+    for name, units, source, text in (
+        ("interface_disp_desired_m", "m", "computed", "desired displacement of the interface relative to the ground"),
+        ("interface_disp_measured_m", "m", "measured", "displacement of the actuator"),
+        ("measured_force_n", "N", "measured", "force of the load cell, the specimen's inertia included"),
+    ):
+        yield DatasetDeclaration(f"RUN/{name}", units, TIME, source, text, present=ACTUATOR, essential=True)  # type: ignore[arg-type]
     floors = "RUN/floor_accel_measured_m_s2"
     yield DatasetDeclaration(floors, ACCEL, ON_FLOORS, "measured", "floor acceleration", remarks=SENSED)
     filtered = "floor acceleration of the Kalman filter"

@@ -99,6 +99,7 @@ def declared() -> Iterator[Quantity]:
         *_of_losses(),
         *_of_answers(),
         *_of_recordings(),
+        *_of_actuators(),
         *_of_response(),
         *_against_sim(),
         *_of_check(),
@@ -178,6 +179,23 @@ def _of_table() -> Iterator[Quantity]:
         deviation, largest = f"J2: standard deviation of {error} over desired", f"J3: peak of {error} over desired"
         yield Quantity(f"{run}.j2", "1", "", LESS, deviation, BANDS, BAND, BENCHMARK)
         yield Quantity(f"{run}.j3", "1", "", LESS, largest, BANDS, BAND, BENCHMARK)
+
+
+def _of_actuators() -> Iterator[Quantity]:
+    """Yield what a test has whose actuator follows a displacement and whose load cell returns the force."""
+    error, only = "desired - measured displacement of the interface", "where a displacement is commanded"
+    for name, text in (("max", f"largest |{error}|"), ("rms", f"RMS of {error}")):
+        yield Quantity(f"exp_rths.tracking_{name}_m", "m", "", LESS, f"{text} ({only})", TRUTH, BAND)
+    about = "RMS of SIM - displacement of each storey, the interface's as measured"
+    yield Quantity("exp_rths.rms_disp_error_m", "m", "storey", LESS, f"{about} ({only})", (), BAND)
+    yield Quantity(
+        "exp_rths.disp_nrmse_percent", "%", "storey", LESS, f"{about}, in percent of SIM's ({only})", (), BAND
+    )
+    true = "RMS of SIM - true displacement of the interface, in percent of SIM's, which only a simulated rig knows"
+    yield Quantity("exp_rths.interface_disp_nrmse_percent_true", "%", "", LESS, f"{true} ({only})", (), BAND)
+    yield Quantity("exp_rths.peak_measured_force_n", "N", "", NONE, f"largest |force| of the load cell ({only})")
+    predicted = "predicted RMS error of the interface's displacement against SIM as identified, in percent of SIM's"
+    yield Quantity("check.interface_disp_error_percent", "%", "", LESS, f"{predicted} ({only})", (), BAND)
 
 
 def _of_recordings() -> Iterator[Quantity]:

@@ -28,6 +28,7 @@ GROUPS = {
     "pitch": "Pitch of the specimen's base; only where no sensor or mass is declared exact and a record at low level "
     "shows that storeys do not bend or rub.",
     "level_causes": "What makes the responses at low and at full level differ.",
+    "actuator": "Of an actuator: what its channels show at rest.",
     "low_level": "The record at low level, with which a later verification is compared.",
     "low_level_lines": "Lines of that record, by a Hann window over all of it, for the record of a session.",
     "channels": "A row per channel: what it showed under excitation.",
@@ -192,6 +193,10 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
         "level_causes": (
             ("table", "1", ("table_entry",), "causes in the table, the likeliest first"),
             ("storeys", "1", ("storeys_entry",), "storeys of the specimen, from 1, whose stiffness depends on level"),
+        ),
+        "actuator": (
+            ("displacement_noise_m", "m", (), "rms of the displacement sensor at rest"),
+            ("force_noise_n", "N", (), "rms of the load cell at rest"),
         ),
         "low_level": (("accel_rms_m_s2", "m/s^2", (), "its nominal RMS acceleration below the excitation's corner"),),
         "low_level_lines": (

@@ -75,6 +75,7 @@ OVER_SIM_DELAY = (
     ("predicted ", "check.rms_error_m_s2"),
     ("true error below ", "check.true_error_bound_m_s2"),
 )
+ERROR_OF_ACTUATOR = "check.interface_disp_error_percent"
 FULL = "rths check --full"
 MOST_LINES, LEAST_LINES_OF_NOTES = 14, 2
 LEAST_GROWTH = 1e-9
@@ -161,7 +162,11 @@ def _decisive(values: Values) -> list[Block]:
 def _nearest_limit(values: Values) -> list[Block]:
     if "check.peak_command_v" not in values:
         return []
-    shares = {label: _one(values, f"peak_{leaf}") / _one(values, f"limit_{leaf}") for label, leaf, _ in REACH}
+    shares = {
+        label: _one(values, f"peak_{leaf}") / _one(values, f"limit_{leaf}")
+        for label, leaf, _ in REACH
+        if f"check.peak_{leaf}" in values  # of an actuator there are no accelerations
+    }
     nearest = max(shares, key=shares.__getitem__)
     largest = _one(values, "largest_scaling")
     scaling = f"{largest:g}" if largest > 0.0 else "none, the test is not safe with any"
@@ -170,6 +175,8 @@ def _nearest_limit(values: Values) -> list[Block]:
 
 
 def _expected(values: Values) -> list[Block]:
+    if ERROR_OF_ACTUATOR in values:
+        return [labelled("expected error", _of_actuator(values))]
     if "check.rms_error_m_s2" not in values:
         return []
     error = values["check.rms_error_m_s2"]
@@ -181,6 +188,11 @@ def _expected(values: Values) -> list[Block]:
         parts = [f"{label}{significant(100.0 * float(np.max(share)))} %" for label, share in over]
         said += f"; of SIM-DELAY's error {', '.join(parts)}" if parts and np.all(delayed > 0.0) else ""
     return [labelled("expected error", said)]
+
+
+def _of_actuator(values: Values) -> str:
+    """Return the predicted error of a test with an actuator."""
+    return f"{significant(values[ERROR_OF_ACTUATOR][0])} % of SIM's displacement at the interface (RMS, as identified)"
 
 
 def _numbers(checked: Checked) -> Values:
@@ -363,6 +375,8 @@ def _reach(values: Values) -> list[Block]:
         return [labelled("table limits", "not predicted: the loop is unstable")]
     rows = [["", "peak", "limit", "share (%)"]]
     for label, leaf, scale in REACH:
+        if f"check.peak_{leaf}" not in values:
+            continue
         peak, limit = _one(values, f"peak_{leaf}"), _one(values, f"limit_{leaf}")
         rows.append([label, significant(scale * peak), significant(scale * limit), f"{100 * peak / limit:.1f}"])
     largest = _one(values, "largest_scaling")
@@ -390,6 +404,8 @@ def _guard(values: Values, said: Sequence[Finding]) -> list[Block]:
 
 def _compared(values: Values, about: Tested) -> list[Block]:
     """Return the lines on the predicted error in comparison with SIM-DELAY, and on the friction that it includes."""
+    if ERROR_OF_ACTUATOR in values:
+        return [labelled("error", _of_actuator(values))]
     if "check.rms_error_m_s2" not in values:
         return [labelled("error", "not predicted: the loop is unstable")]
     friction = _one(values, "friction_v")

@@ -174,6 +174,8 @@ def specimen_lines(found: Identification) -> list[Block]:
     known = found.specimen or found.free_vibration
     if known is None:
         return [labelled("specimen", "none: there is no floor channel, or no stretch of motion to use")]
+    if known.specimen.attached:
+        return []  # the line of the specimen has it
     floors = [channel.name for channel in found.channels[1:]]
     about = "+- 2 standard uncertainties; scatter: standard deviation over stretches of the record"
     storeys = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rths_cli.case.plugin_interface import OLD_NAMES, RENAMED
 from rths_cli.case.rig_capabilities import Capabilities, capabilities_of
@@ -96,6 +96,7 @@ class Limits:
     tracking_error_m_s2: float = math.inf
     energy_ratio: float = math.inf
     lost_samples: int = 5
+    tracking_error_m: float = math.inf  # where displacements are commanded
 
     def fastest_m_s(self, gain_m_per_v: float) -> float:
         """Return the velocity in m/s that the limits of velocity and of the command's rate permit a table."""
@@ -148,7 +149,9 @@ class RigInfo:
     leads its table to rest by itself (0: it has no watchdog). `overrun`: what a missed deadline does, hold, skip or
     stop. `driver_verified`: what is behind the driver, hardware, loopback or fake: an open rig's own info says it,
     before that it is empty or what the address of a target lets expect. Empty on a virtual rig. `actuators`: number of
-    commands, all with the same gain and limits. `uncertainty`: of sensors and masses as declared.
+    commands, all with the same gain and limits. `uncertainty`: of sensors and masses as declared. `interface`: what is
+    commanded, the table's acceleration or an actuator's displacement; then `channels` are its displacement sensor and
+    its load cell.
     """
 
     name: str
@@ -169,6 +172,7 @@ class RigInfo:
     actuators: int = 1
     further: tuple[Channel, ...] = ()
     uncertainty: Uncertainty = Uncertainty()
+    interface: Literal["acceleration", "displacement"] = "acceleration"
 
     @property
     def all_channels(self) -> tuple[Channel, ...]:

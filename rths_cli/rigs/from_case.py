@@ -21,6 +21,7 @@ from rths_cli.case.rig_schema import (
     TargetRigSpec,
     UdpPlainRigSpec,
     UdpRigSpec,
+    VirtualActuatorSpec,
     VirtualRigSpec,
     is_loopback,
 )
@@ -150,7 +151,7 @@ def declared_info(case: Case) -> RigInfo:
         name=table.name,
         kind=table.kind,
         dt_s=1.0 / case.sample_rate_hz,
-        channels=_virtual_channels(table, names) if isinstance(table, VirtualRigSpec) else _channels(table, names),
+        channels=_own_channels(table, names),
         converters=Converters(table.converters.bits, table.converters.range_v),
         latency_samples=table.converters.latency_samples,
         limits=_limits(table.limits),
@@ -163,13 +164,34 @@ def declared_info(case: Case) -> RigInfo:
         driver_verified=_driver_verified(real),
         further=_further(table),
         uncertainty=Uncertainty(**table.uncertainty.model_dump()),
+        interface="displacement" if isinstance(table, VirtualActuatorSpec) else "acceleration",
     )
 
 
 def channel_names(case: Case) -> tuple[str, ...]:
     """Return the roles of the channels: the table, then the experimental floors upwards, numbered from the ground."""
+    if case.structure.experimental.attached:
+        return "displacement", "force"
     numerical = len(masses_of(case.structure))
     return ("table", *(f"floor_{numerical + 1 + i}" for i in range(len(case.structure.experimental.masses_kg))))
+
+
+def _own_channels(table: RigSpec, names: tuple[str, ...]) -> tuple[Channel, ...]:
+    """Return the channels that the control uses: accelerometers, or an actuator's displacement and force."""
+    if isinstance(table, VirtualActuatorSpec):
+        one = table.sensors
+        numbers = (
+            ("displacement", one.displacement_v_per_m, one.displacement_range_m),
+            ("force", one.force_v_per_n, one.force_range_n),
+        )
+        return tuple(
+            Channel(name, size, span, 0.0, 0.0, kind=name, position="actuator", uncertainty=one.uncertainty)
+            for name, size, span in numbers
+        )
+    if isinstance(table, VirtualRigSpec):
+        return _virtual_channels(table, names)
+    assert isinstance(table, RealRigSpec)
+    return _channels(table, names)
 
 
 def _virtual_channels(table: VirtualRigSpec, names: tuple[str, ...]) -> tuple[Channel, ...]:
@@ -254,6 +276,7 @@ def _limits(limits: LimitsSpec) -> Limits:
         tracking_error_m_s2=_or_none(limits.tracking_error_m_s2),
         energy_ratio=_or_none(limits.energy_ratio),
         lost_samples=DEFAULT_LOST_SAMPLES if limits.lost_samples is None else limits.lost_samples,
+        tracking_error_m=_or_none(getattr(limits, "tracking_error_m", None)),
     )
 
 
@@ -291,6 +314,10 @@ def driver(
     table = case.table
     if isinstance(table, VirtualRigSpec):
         return virtual_driver(case, info, building, seed, changed, session)
+    if isinstance(table, VirtualActuatorSpec):
+        from rths_cli.rigs.virtual.actuator_rig import actuator_rig
+
+        return actuator_rig(table, info, building.specimen, tuple(seed), case.seed)
     if isinstance(table, UdpRigSpec):
         return _udp(info, table)
     if isinstance(table, UdpPlainRigSpec):
@@ -369,7 +396,7 @@ def _with_specimen(declared: Building, specimen: Specimen, laws: Laws) -> Buildi
 
 def laboratory_number(case: Case) -> int | None:
     """Return the number of the virtual laboratory that a case is in; None where nothing differs from its files."""
-    if not isinstance(case.table, VirtualRigSpec):
+    if not isinstance(case.table, VirtualRigSpec | VirtualActuatorSpec):
         return None
     from rths_cli.rigs.virtual.laboratory import number_of
 
@@ -412,7 +439,7 @@ def true_values_of_run(
 
 
 def _laboratory(case: Case, info: RigInfo) -> Laboratory | None:
-    if laboratory_number(case) is None:
+    if laboratory_number(case) is None or info.interface != "acceleration":
         return None
     from rths_cli.rigs.virtual.virtual_rig import true_laboratory
 

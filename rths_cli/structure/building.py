@@ -91,7 +91,7 @@ def build(spec: StructureSpec, damping: DampingSpec) -> Building:
         return _with_frame(spec, damping)
     _check(spec, damping)
     specimen, notes = _build_specimen(spec.experimental)
-    interface_mass = float(spec.interface_experimental_mass_kg)
+    interface_mass = _interface_mass_kg(spec)
     numerical = _undamped_numerical(spec, specimen)
     M, C, K = assemble(numerical, specimen, interface_mass)
     _check_rates("structure, all floors", "stiffness_n_per_m", np.diag(M), K, 0.5)
@@ -120,9 +120,20 @@ def _with_frame(spec: StructureSpec, damping: DampingSpec) -> Building:
     if faults:
         raise InputError(*faults)
     specimen, notes = _build_specimen(spec.experimental)
-    mass = float(spec.interface_experimental_mass_kg)
+    mass = _interface_mass_kg(spec)
     numerical = numerical_of(spec.numerical.matrices, damping, mass)  # type: ignore[attr-defined, arg-type]
     return Building(numerical, specimen, mass, *assemble(numerical, specimen, mass), notes)
+
+
+def is_attached(spec: ExperimentalSpec) -> bool:
+    """Return whether the specimen is one that an actuator at the interface moves, not storeys on a table."""
+    return bool(getattr(spec, "attached", False))
+
+
+def _interface_mass_kg(spec: StructureSpec) -> float:
+    """Return the part of the interface floor's mass that is not computed: on the table, or of an attached specimen."""
+    attached = is_attached(spec.experimental)
+    return float(spec.experimental.masses_kg[0] if attached else spec.interface_experimental_mass_kg)
 
 
 def _laws(spec: StructureSpec, numerical: Numerical, specimen: Specimen) -> tuple[tuple[Law, ...], ...]:
@@ -165,7 +176,7 @@ def _check(spec: StructureSpec, damping: DampingSpec) -> None:
         *_length("damping.dashpots_n_s_per_m", damping.dashpots_n_s_per_m, p),
     ]
     for where, masses in (("numerical", numerical.masses_kg), ("experimental", experimental.masses_kg)):
-        if min(masses) < LIGHTEST_KG:
+        if min(masses) < LIGHTEST_KG and not (masses is experimental.masses_kg and is_attached(experimental)):
             faults.append(
                 f"structure.{where}.masses_kg: {min(masses):g} kg must be at least {LIGHTEST_KG:g} kg; raise it"
             )
@@ -212,14 +223,16 @@ def _build_specimen(spec: ExperimentalSpec) -> tuple[Specimen, tuple[str, ...]]:
         solutions = stiffness_sets(tuple(spec.masses_kg), tuple(spec.natural_frequencies_hz))
         stiffness, notes = solutions[0].tolist(), _notes_on(solutions)
     assert stiffness is not None  # _check
-    K = storey_matrix(stiffness)
-    _check_stiffness("structure.experimental", masses, K)
+    K, attached = storey_matrix(stiffness), is_attached(spec)
+    if masses[0] > 0.0 or not attached:
+        _check_stiffness("structure.experimental", masses, K)
     if spec.damping_ratios is not None:
-        return Specimen(masses, K, modal_damping_matrix(masses, K, spec.damping_ratios)), notes
+        return Specimen(masses, K, modal_damping_matrix(masses, K, spec.damping_ratios), attached), notes
     assert spec.dashpots_n_s_per_m is not None  # _check
     C = storey_matrix(spec.dashpots_n_s_per_m)
-    _check_rates("structure.experimental", "dashpots_n_s_per_m", masses, C, 1.0)
-    return Specimen(masses, K, C), notes
+    if masses[0] > 0.0 or not attached:
+        _check_rates("structure.experimental", "dashpots_n_s_per_m", masses, C, 1.0)
+    return Specimen(masses, K, C, attached), notes
 
 
 @lru_cache(maxsize=100)
@@ -244,7 +257,7 @@ def _undamped_numerical(spec: StructureSpec, specimen: Specimen) -> Numerical:
     masses = np.array(spec.numerical.masses_kg, dtype=float)
     if (program := program_of(spec.numerical)) is not None:  # its model has the computed part's mass alone
         return Numerical(masses, tangent_of_program(program, masses), np.zeros((len(masses), len(masses))))
-    masses[-1] -= spec.interface_experimental_mass_kg
+    masses[-1] -= _interface_mass_kg(spec)
     stiffness = spec.numerical.stiffness_n_per_m
     if isinstance(stiffness, str):
         stiffness = [float(np.mean(storey_values(specimen.K)))] * len(masses)

@@ -100,12 +100,15 @@ def _eigenvalues(M: Array, C: Array, K: Array) -> ComplexArray:
 class Specimen:
     """Experimental storeys relative to the table: M d2x + C dx + K x = -M 1 a_table (Eq. 2.5).
 
-    `masses_kg` (n,), `K` (n, n) in N/m, `C` (n, n) in N s/m.
+    `masses_kg` (n,), `K` (n, n) in N/m, `C` (n, n) in N s/m. An `attached` one stands between the n degrees of freedom
+    of the interface and the laboratory's floor: F = M d2x + C dx + K x is what the load cell of an actuator that moves
+    it by x shows, its inertia included. n is 1 so far.
     """
 
     masses_kg: Array
     K: Array
     C: Array
+    attached: bool = False
 
     @property
     def mass_matrix(self) -> Array:
@@ -215,7 +218,7 @@ class Building:
     @property
     def rows_of_unreduced(self) -> Integers:
         """Return the rows (p + n,) of the unreduced building that are this one's coordinates."""
-        rows, n = np.arange(len(self.numerical.masses_kg)), len(self.specimen.masses_kg)
+        rows, n = np.arange(len(self.numerical.masses_kg)), self.storeys - len(self.numerical.masses_kg)
         if self.numerical.whole is not None:
             rows = self.numerical.whole.rows
         return np.concatenate([rows, rows[-1] + 1 + np.arange(n)])
@@ -224,7 +227,7 @@ class Building:
     def influence(self) -> Array | None:
         """Return r (p + n,), None where the ground moves all floors alike: the interface moves with it by one."""
         own = self.numerical.influence
-        return None if own is None else np.concatenate([own, np.ones(len(self.specimen.masses_kg))])
+        return None if own is None else np.concatenate([own, np.ones(self.storeys - len(own))])
 
     @property
     def shear_masses_kg(self) -> Array:
@@ -253,15 +256,22 @@ class Building:
     @property
     def storeys(self) -> int:
         """Return the number of all storeys."""
-        return len(self.numerical.masses_kg) + len(self.specimen.masses_kg)
+        above = 0 if self.specimen.attached else len(self.specimen.masses_kg)
+        return len(self.numerical.masses_kg) + above
 
 
 def assemble(numerical: Numerical, specimen: Specimen, interface_mass_kg: float) -> tuple[Array, Array, Array]:
     """Add both substructures up to M, C, K (p + n, p + n) of the total, relative to the ground (Eq. 2.2).
 
-    The specimen enters through its displacements relative to the interface floor, x_hat = x_E - 1 x_I.
+    The specimen enters through its displacements relative to the interface floor, x_hat = x_E - 1 x_I. An attached one
+    adds its stiffness and damping to the interface's; `interface_mass_kg` is then its mass.
     """
     p, n = len(numerical.masses_kg), len(specimen.masses_kg)
+    if specimen.attached:
+        M, C, K = numerical.mass_matrix.copy(), numerical.C.copy(), numerical.K.copy()
+        for whole, own in ((M, interface_mass_kg), (C, specimen.C[0, 0]), (K, specimen.K[0, 0])):
+            whole[p - 1, p - 1] += own
+        return M, C, K
     relative = np.hstack([np.zeros((n, p)), np.eye(n)])
     relative[:, p - 1] = -1.0
     M = np.diag(np.concatenate([numerical.masses_kg, specimen.masses_kg]))

@@ -14,13 +14,13 @@ from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
 
 if TYPE_CHECKING:
-    from rths_cli.case.virtual_imperfections_schema import VirtualImperfections
+    from rths_cli.case.virtual_imperfections_schema import ActuatorImperfections, VirtualImperfections
 
 PER_RUN, HUM_PHASE = "channels.gain_change_between_runs", "channels.hum_phase_rad"
 PER_FLOOR = ("masses.", "specimen.", "pitch.storey_height_m")
 
 
-def number_of(stated: VirtualImperfections, seed: int) -> int | None:
+def number_of(stated: VirtualImperfections | ActuatorImperfections, seed: int) -> int | None:
     """Return the number of a laboratory: that of its file, else the seed of the case; None for one as declared."""
     if stated.off:
         return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -206,18 +206,27 @@ class VirtualRig:
         self._seed = seed
         self.restart()
 
+    def fresh(self) -> Any:
+        """Return a table at rest."""
+        return fresh_state(self.plant, self.info.latency_samples)
+
+    @property
+    def normals(self) -> int:
+        """Return how many standard normal numbers a reading of the channels takes."""
+        return normals(self.plant)
+
     def restart(self) -> None:
         """Put the table at rest and start the noise anew."""
         self._random = np.random.default_rng(self._seed)
         self._further_random = np.random.default_rng((*self._seed, FURTHER))
-        self._rows = np.empty((0, normals(self.plant)))
+        self._rows = np.empty((0, self.normals))
         self._row = 0
         self.rest()
 
     def noise(self, rows: int) -> Array:
         """Return the next rows of standard normal noise, (rows, normals of the plant)."""
         if isinstance(self.plant, ImperfectPlant) or not self.info.further:
-            return self._random.standard_normal((rows, normals(self.plant)))
+            return self._random.standard_normal((rows, self.normals))
         own = self._random.standard_normal((rows, len(self.info.channels)))
         return np.hstack([own, self._further_random.standard_normal((rows, len(self.info.further)))])
 
@@ -246,8 +255,8 @@ class VirtualRig:
 
     def rest(self) -> None:
         """Bring the table to rest at zero (a virtual table may simply be put there)."""
-        self.state = fresh_state(self.plant, self.info.latency_samples)
-        self._command, self._noise = np.zeros(1), np.zeros(normals(self.plant))
+        self.state = self.fresh()
+        self._command, self._noise = np.zeros(1), np.zeros(self.normals)
         self._samples = np.zeros(len(self.info.all_channels))
         self._bound: tuple[Callable[[], object], Callable[[], object]] | None = None
 

@@ -19,7 +19,6 @@ from scipy.optimize import nnls
 from rths_cli.errors import InputError
 from rths_cli.identification.results import (
     Candidate,
-    DelayEstimate,
     FitError,
     Identification,
     SpecimenFit,
@@ -141,7 +140,7 @@ def identify_actuator(
     verdict = judge(model, fit_error, frf, LIMITS, (), compared=compared)
     return Identification(
         (frf, cell), (None, None), model, model, fit_error, fit_error, fit, None, (), tuple(candidates), (), (), (),
-        verdict, latency=DelayEstimate(delay_s, 0.0, delay_s), compared=compared,
+        verdict, compared=compared,
         at_rest=measured[:, : played.rest].std(axis=1),
     )  # fmt: skip
 

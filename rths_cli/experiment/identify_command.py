@@ -341,6 +341,8 @@ def _of_actuator(asked: Asked, setup: Setup, outputs: Outputs, progress: Progres
                 f"{what} of an actuator cannot be taken yet, a virtual actuator is identified by its own multisine; "
                 "leave it out"
             )
+    if asked.figure:
+        raise InputError("--figure: of an actuator's identification no figure is drawn yet; leave it out")
     outputs = replace(outputs, figure=None)
     present, seen = check_outputs(outputs, _inputs(asked, setup), asked.replace), stamp(outputs.model)
     found, played, measured = actuator.identify(setup, progress)

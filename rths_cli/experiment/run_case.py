@@ -154,7 +154,8 @@ def play_all(
         run = _written(run, setup, sim, writer, checked.loop, checked.replay)
         all_of_them = _with(all_of_them, run)
         if kind is HYBRID_TEST:
-            all_of_them = _with_error(all_of_them, setup, run, error_after_run(checked.uncertain, run), writer)
+            found = error_after_run(checked.uncertain, run, setup.rig.interface == "displacement")
+            all_of_them = _with_error(all_of_them, setup, run, found, writer)
     return all_of_them
 
 

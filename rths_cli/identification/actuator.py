@@ -19,7 +19,6 @@ from scipy.optimize import nnls
 from rths_cli.errors import InputError
 from rths_cli.identification.results import (
     Candidate,
-    DelayEstimate,
     FitError,
     Identification,
     SpecimenFit,
@@ -137,11 +136,13 @@ def identify_actuator(
     frf = Frf(hz, response * s**2, coherence, error, each.shape[0])
     fit_error = _fit_error(model, frf, compared)
     cell = Frf(hz, mean[2] / mean[0], coherence, error, each.shape[0])
-    fit = _specimen(mean[2] / mean[1], s)
+    noise = np.var(spectra[1:], axis=1, ddof=1).mean(axis=1) / each.shape[0]  # white
+    scatter = np.sqrt((noise[:, None] / np.abs(mean[1:]) ** 2).sum(axis=0))
+    fit = _specimen(mean[2] / mean[1], s, np.maximum(scatter, 1e-7))
     verdict = judge(model, fit_error, frf, LIMITS, (), compared=compared)
     return Identification(
         (frf, cell), (None, None), model, model, fit_error, fit_error, fit, None, (), tuple(candidates), (), (), (),
-        verdict, latency=DelayEstimate(delay_s, 0.0, delay_s), compared=compared,
+        verdict, compared=compared,
         at_rest=measured[:, : played.rest].std(axis=1),
     )  # fmt: skip
 
@@ -170,9 +171,9 @@ def _fit_error(model: Model, frf: Frf, compared: ComparedBand) -> FitError:
     return FitError(float(np.sqrt(np.mean(whole**2))), float(whole.max()), float(np.sqrt(np.mean(middle**2))))
 
 
-def _specimen(ratio: ComplexArray, s: ComplexArray) -> SpecimenFit:
-    """Return the specimen whose force over displacement is a ratio (m,) at s = j w (m,)."""
-    weight = 1.0 / np.abs(ratio)
+def _specimen(ratio: ComplexArray, s: ComplexArray, error: Array) -> SpecimenFit:
+    """Return the specimen whose force over displacement is a ratio (m,) of this relative error (m,) at s = j w (m,)."""
+    weight = 1.0 / (error * np.abs(ratio))  # without the error, noise of small displacements biases all three alike
     size = float(np.abs(s).max())
     columns = np.stack([np.ones_like(s), s / size, (s / size) ** 2], axis=1) * weight[:, None]
     both = np.vstack([columns.real, columns.imag])

@@ -143,6 +143,11 @@ def inspect_structure(name: str) -> Inspected:
     Raises InputError with all faults of its file, and if no stiffnesses give its natural frequencies.
     """
     spec, damping, path, scale = load_structure(name)
+    if spec.experimental.attached:
+        raise InputError(
+            f"{display(path)}: its specimen is moved by an actuator, and rths structure shows only buildings whose "
+            "specimen stands on a table; rths check of its case shows modes and damping"
+        )
     try:
         found = interruptible(lambda: _inspected(spec, damping, "" if is_shipped(path) else display(path)))
         found = replace(found, warnings=tuple(f"{display(path)}: {doubt}" for doubt in found.warnings))

@@ -409,6 +409,8 @@ def _fit(name: str, model: Model, error: FitError) -> list[str]:
 
 def root_lines(roots: Sequence[Root]) -> list[Block]:
     """Return a line for each root or pair of roots of the best model."""
+    if not roots:  # of an actuator
+        return []
     rows = [["", "frequency (Hz)", "damping ratio (%)"]]
     for root in roots:
         frequency = with_uncertainty(root.frequency_hz, root.frequency_error_hz)
@@ -425,6 +427,8 @@ def root_lines(roots: Sequence[Root]) -> list[Block]:
 
 
 def _residuals(bands: Sequence[Band]) -> list[Block]:
+    if not bands:
+        return []
     rows = [["band (Hz)", "rms", "largest", "data's scatter", "coherence"]]
     rows += [
         [band(b.low_hz, b.high_hz), percent(b.rms), percent(b.largest), percent(b.scatter), _coherence(b.coherence)]

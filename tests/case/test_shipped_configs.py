@@ -46,7 +46,7 @@ def as_json(path: Path) -> object:
     return json.loads(json.dumps(plain(node)))
 
 
-OTHERS = {f"el_centro_{name}" for name in ("base_isolated", "tuned_mass_damper", "viscous_damper")}
+OTHERS = {f"el_centro_{name}" for name in ("actuator", "base_isolated", "tuned_mass_damper", "viscous_damper")}
 
 
 def test_the_paper_s_eight_cases_the_bare_one_and_three_other_buildings_are_there() -> None:

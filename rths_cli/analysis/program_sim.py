@@ -125,12 +125,12 @@ def _refined(solve: Callable[[int, int], Array], first: int) -> tuple[Array, flo
     """Return a response (., ., n), and its error relative to the peaks, from steps that were halved until what is
     extrapolated from the last two is accurate; the first ones are at every fourth and every second sample."""
     coarse, fine, steps = solve(2, first), solve(1, first), first
-    before, found = _extrapolated(solve(4, first), coarse), _extrapolated(coarse, fine)
+    before, found = extrapolated(solve(4, first), coarse), extrapolated(coarse, fine)
     error = _change(found[..., ::2], before)
     while error > ACCURATE and steps < MOST_STEPS * first:
         steps, before, coarse = 2 * steps, found, fine
         fine = solve(1, steps)
-        found = _extrapolated(coarse, fine)
+        found = extrapolated(coarse, fine)
         error = _change(found, before)
     if not error <= UNUSABLE:
         raise InputError(
@@ -140,7 +140,7 @@ def _refined(solve: Callable[[int, int], Array], first: int) -> tuple[Array, flo
     return found, error
 
 
-def _extrapolated(coarse: Array, fine: Array) -> Array:
+def extrapolated(coarse: Array, fine: Array) -> Array:
     """Return the response (., ., n) to which two of second order converge, the first with steps twice as long; it may
     be known at every second sample alone, between which their difference is a straight line."""
     if coarse.shape == fine.shape:
@@ -262,7 +262,7 @@ def _delayed(building: Building, dt_s: float, record: Array, delay_s: float, sim
     both = min(end, (known + 1) // 2)
     error = _change(fine[..., : 2 * both : 2], coarse[..., :both])
     if known == fine.shape[-1] and end == coarse.shape[-1]:
-        fine, fine_shear = _extrapolated(coarse, fine), _extrapolated(coarse_shear, fine_shear)
+        fine, fine_shear = extrapolated(coarse, fine), extrapolated(coarse_shear, fine_shear)
     found, shear = _between(fine, every, known, n), _between(fine_shear, every, known, n)
     known = min(known * every, n)
     p, numerical = len(building.numerical.masses_kg), building.numerical

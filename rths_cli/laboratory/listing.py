@@ -92,9 +92,11 @@ def _structure(path: Path) -> tuple[str, Details]:
     masses = masses_of(spec)
     numerical, experimental = len(masses), len(spec.experimental.masses_kg)
     own = sum(masses) if spec.numerical.matrices is None else frame_of(spec.numerical.matrices).mass_kg
-    mass = own + sum(spec.experimental.masses_kg)
+    attached = spec.experimental.attached  # its mass is part of the interface floor's
+    mass = own if attached else own + sum(spec.experimental.masses_kg)
     named = [level.name for level in levels]
-    text = f"{numerical + experimental} storeys, {experimental} on the table, {mass:g} kg; damping "
+    where = "a specimen at an actuator" if attached else f"{experimental} on the table"
+    text = f"{numerical if attached else numerical + experimental} storeys, {where}, {mass:g} kg; damping "
     details = {"numerical_storeys": numerical, "experimental_storeys": experimental, "mass_kg": mass}
     return text + (", ".join(named) or "levels: none"), {**details, "damping_levels": named}
 

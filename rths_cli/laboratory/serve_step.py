@@ -117,27 +117,27 @@ class SteppingTarget:
     ) -> None:  # fmt: skip
         self.state, self.session, self.faults, self.ends = IDLE, 0, 0, False
         self.kept = 1 << 40  # rows of the log that can still be fetched
-        self._door, self._step, self._rig, self._watchdog_s, self._say = door, step, rig, watchdog_s, say
+        self._door, self.step, self._rig, self._watchdog_s, self._say = door, step, rig, watchdog_s, say
         self._record, self._held = np.zeros((len(step.drive), 3)), 0
         self._reason, self._channel, self._seen, self._command_v = 0, -1, 0.0, 0.0
-        self._interval_s = step.info.dt_s if interval_s is None else interval_s
+        self.interval_s = step.info.dt_s if interval_s is None else interval_s
         self._rest: list[Array] = []
         self._fed_s = 0.0
-        self._run, self._samples = self._prepared(np.zeros(len(step.info.all_channels))), np.zeros(0)
+        self.run, self._samples = self._prepared(np.zeros(len(step.info.all_channels))), np.zeros(0)
         conduct_once.bind(*self._parts(), np.array(rig.arm(), dtype=float))()  # compiled before anyone waits
         rig.exchange(0.0)
         rig.rest()
-        self._run = self._prepared(np.zeros(len(step.info.all_channels)))
+        self.run = self._prepared(np.zeros(len(step.info.all_channels)))
 
     def _prepared(self, zeros_v: Array) -> Performance:
-        info, blocks = self._step.info, self._step.blocks
+        info, blocks = self.step.info, self.step.blocks
         assert isinstance(blocks, Blocks)
         return prepare(
-            info, blocks, NUMERICAL, self._record, self._step.limits, zeros_v, still_s=(BEFORE_S, AFTER_S)
+            info, blocks, NUMERICAL, self._record, self.step.limits, zeros_v, still_s=(BEFORE_S, AFTER_S)
         )  # fmt: skip
 
     def _parts(self) -> tuple[object, ...]:
-        run = self._run
+        run = self.run
         return run.course, run.step, run.limits, run.guard, run.drive, run.log
 
     @property
@@ -158,18 +158,18 @@ class SteppingTarget:
                 due = time.monotonic()
             elif time.monotonic() >= due:
                 self._instant()
-                due += self._interval_s
+                due += self.interval_s
 
     def _attend(self) -> None:
         try:
             found = order_of(self._door.recv(MOST_DATA + 1))
             if found is not None:
-                self._count(found)
+                self.count(found)
                 self._door.send(packed_answer(self._answer(found)))
         except OSError:  # the host's port is closed
             return
 
-    def _count(self, asked: Order) -> None:
+    def count(self, asked: Order) -> None:
         """Let an order count."""
         if asked.session == self.session:
             self._fed_s = time.monotonic()
@@ -186,12 +186,12 @@ class SteppingTarget:
     def _stop(self) -> None:
         if self.state == ARMED:
             self._end(15, -1, np.nan)
-        order(self._run, STOP_KEY)
+        order(self.run, STOP_KEY)
 
     def _begin(self) -> None:
         self.session, self.state, self.faults, self._fed_s = self.session + 1, ARMED, 0, time.monotonic()
         self._reason, self._channel, self._seen, self._command_v, self._rest = 0, -1, 0.0, 0.0, []
-        self._run.log.done[0] = 0
+        self.run.log.done[0] = 0
         self._samples = self._rig.arm()
         self._say(f"session {self.session}: armed")
 
@@ -199,7 +199,7 @@ class SteppingTarget:
         self.state, self._reason, self._channel, self._seen = STOPPED, reason, channel, float(seen)
         self._rig.rest()
         self._held = 0
-        self._say(f"session {self.session}: ended with reason {reason} after {int(self._run.log.done[0])} steps")
+        self._say(f"session {self.session}: ended with reason {reason} after {int(self.run.log.done[0])} steps")
 
     def _instant(self) -> None:
         """One instant of the target's clock."""
@@ -220,22 +220,22 @@ class SteppingTarget:
         """Measure the zeros at rest, then begin the ramp-up."""
         self._rest.append(np.array(self._samples))
         self._samples = self._rig.exchange(0.0)
-        if len(self._rest) < self._step.zero_steps:
+        if len(self._rest) < self.step.zero_steps:
             return
-        rest_v, (zeros, noise) = np.array(self._rest), self._step.rest_limits_v
+        rest_v, (zeros, noise) = np.array(self._rest), self.step.rest_limits_v
         mean, deviation = rest_v.mean(axis=0), rest_v.std(axis=0)
         for reason, found, most in ((100, np.abs(mean), zeros), (101, deviation, noise)):
             if (found > most).any():
                 channel = int(np.argmax(found > most))
                 self._end(reason, channel, found[channel])
                 return
-        self._run = self._prepared(mean)
+        self.run = self._prepared(mean)
         self._given = np.array(self._samples, dtype=float)
         self._once = conduct_once.bind(*self._parts(), self._given)
         self.state = ARMED + 1
 
     def _play(self) -> None:
-        run = self._run
+        run = self.run
         self._given[:] = self._samples
         self._once()
         done = int(run.log.done[0])
@@ -247,7 +247,7 @@ class SteppingTarget:
             self._end(int(flags[1]), int(flags[2]), float(run.guard.seen[0]))
 
     def _answer(self, asked: Order) -> Answer:
-        log, step = self._run.log, self._step
+        log, step = self.run.log, self.step
         made, first = int(log.done[0]), max(asked.number, int(log.done[0]) - self.kept)
         many = 0 if asked.order in (BEGIN, RECORD) else rows_in_a_frame(len(log.columns))
         rows = log.columns[:, first : min(first + many, made)].T

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rths_cli.analysis.program_sim import _extrapolated, simulate_with_program
+from rths_cli.analysis.program_sim import extrapolated, simulate_with_program
 from rths_cli.analysis.sim import simulate
 from rths_cli.programs import Description
 from rths_cli.structure import build
@@ -31,7 +31,7 @@ def test_an_error_of_second_order_is_extrapolated_away(samples: int, every: int)
     time = np.arange(float(samples))
     exact, slope = np.cos(time), 0.3 * time + 0.1
     coarse, fine = (exact + 4.0 * slope)[::every], exact + slope
-    found = _extrapolated(coarse[None, None], fine[None, None])[0, 0]
+    found = extrapolated(coarse[None, None], fine[None, None])[0, 0]
     known = samples if samples % 2 or every == 1 else samples - 1  # the last sample may have no coarse one
     assert found[:known] == pytest.approx(exact[:known], abs=1e-12)
     assert abs(found[-1] - exact[-1]) <= 0.3 + 1e-12

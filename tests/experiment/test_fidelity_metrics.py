@@ -163,6 +163,7 @@ def test_a_hybrid_run_has_every_path_known_beforehand(parts: Parts) -> None:
         ".identified_reference_",
         ".measured_loop_",
         "_over_declared",
+        ".program_",
         ".stiffness_change",
         ".specimen_",
         ".without_specimen_percent",

@@ -122,7 +122,7 @@ def test_the_log_is_that_of_the_same_run_stepped_here(bench: Callable[..., Bench
     assert realtime_run.perform(there.rig, run) == "" and run.guard.flags[1] == END
     rig = Coarse()
     at_rest = [rig.arm().copy()]
-    at_rest += [rig.exchange(0.0).copy() for _ in range(there.target._step.zero_steps)]
+    at_rest += [rig.exchange(0.0).copy() for _ in range(there.target.step.zero_steps)]
     zeros_v, given = np.mean(at_rest[:-1], axis=0), at_rest[-1]
     alone = prepare(there.info, there.blocks, NUMERICAL, there.drive, there.limits, zeros_v, still_s=STILL_S)
     done = int(run.log.done[0])
@@ -177,7 +177,7 @@ def test_a_target_that_dies_ends_the_run_with_what_came(bench: Callable[..., Ben
     run = there.prepared()
 
     def until(data: bytes) -> list[bytes]:
-        return [] if there.target._run.log.done[0] > 700 else [data]
+        return [] if there.target.run.log.done[0] > 700 else [data]
 
     there.door.spoil = until
     told = realtime_run.perform(there.rig, run)
@@ -188,7 +188,7 @@ def test_a_target_that_dies_ends_the_run_with_what_came(bench: Callable[..., Ben
 
 def test_a_host_that_dies_leaves_a_table_at_rest(bench: Callable[..., Bench]) -> None:
     there = bench(watchdog_s=0.2)
-    there.target._interval_s = 1e-3
+    there.target.interval_s = 1e-3
     there.rig.begin(there.prepared().drive[1000:1300][: len(there.drive)])
     end = time.monotonic() + 20.0
     while there.target.moves:
@@ -206,7 +206,7 @@ def test_rows_that_are_gone_are_told_by_their_numbers(bench: Callable[..., Bench
     run = there.prepared()
 
     def hiccup(data: bytes) -> list[bytes]:
-        done = there.target._run.log.done[0]
+        done = there.target.run.log.done[0]
         return [] if 400 < done < 600 else [data]
 
     there.door.spoil = hiccup
@@ -239,6 +239,6 @@ def test_hostile_frames_begin_and_end_nothing(bench: Callable[..., Bench]) -> No
         for one in (data, frame, frame[: int(random.integers(len(frame)))]):
             found = order_of(one)
             if found is not None:
-                there.target._count(found)
+                there.target.count(found)
             assert answer_of(one) is None
     assert there.target.session == 0 and not there.target.moves and real.session == 0

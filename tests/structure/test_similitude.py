@@ -89,9 +89,10 @@ def test_every_figure_that_scales_has_a_factor() -> None:
     assert {"exp_rths.peak_rel_disp_m", "sim.peak_storey_shear_n", "budget.rms_error_rest_m_s2"} <= set(scaled)
     scale = Similitude(2.4, 1.3, 7.0)
     assert all(scale.factor(one.scales_as) > 0.0 for one in scaled.values())
-    # a ratio to the weight is the only figure that scales otherwise than its unit: gravity is not scaled
+    # a ratio to the weight and Arias' intensity scale otherwise than their units: gravity is not scaled
     assert {path.partition(".")[2] for path, one in scaled.items() if one.scales_as != one.units} == {
-        "building_base_shear_ratio"
+        "arias_m_s",
+        "building_base_shear_ratio",
     }
 
 

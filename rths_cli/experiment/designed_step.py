@@ -81,6 +81,11 @@ def designed_step(case: Case, progress: Progress) -> DesignedStep:
     Raises InputError with every reason for which `rths run` would not play it on a real rig.
     """
     memory, setup = Memory(Cache()), make_setups([case])[0]
+    if setup.rig.interface == "displacement":
+        raise InputError(
+            f"{shown(case.path)}: rig {setup.rig.name} commands a displacement, and the step in C is that of a table "
+            "with accelerometers; name the case of a shake table"
+        )
     refuse_unstable_steps(case, setup.building)
     _refuse_other_runs(setup)
     known = memory.at_rest(setup, progress)

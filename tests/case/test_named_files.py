@@ -64,10 +64,10 @@ def test_names_that_are_none_are_refused(lab: Path, name: str) -> None:
 
 def test_everything_shipped_is_known(lab: Path) -> None:
     assert set(FOLDERS) == {"cases", "structures", "rigs", "references", "records", "benchmarks"}
-    own = ["base_isolated", "tuned_mass_damper", "viscous_damper"]
+    own = ["actuator_frame", "base_isolated", "tuned_mass_damper", "viscous_damper"]
     assert sorted(known("structures", lab)) == sorted([*own, "three_storey", "three_storey_bare"])
     assert known("references", lab) == ["zhang2015"]
-    assert len(known("cases", lab)) == 12
+    assert len(known("cases", lab)) == 13
 
 
 def test_an_installed_copy_goes_before_the_source_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,7 +49,7 @@ def test_a_new_record_is_the_pulse_that_it_says(tmp_path: Path) -> None:
     [
         ("rig", "own", None, "a rig is a .yaml file; name it own.yaml"),
         ("record", "r.yaml", None, "a record is a .csv file; name it r.csv"),
-        ("structure", "s.yaml", "nope", "no structure of this name is shipped; known: base_isolated"),
+        ("structure", "s.yaml", "nope", "no structure of this name is shipped; known: actuator_frame"),
         ("record", "r.csv", "el_centro", "is for a case, a rig or a structure"),
     ],
 )

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from time import sleep
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -263,7 +264,7 @@ def test_threads_that_ask_for_the_same_rig_have_it_identified_once(
     def measure(*_: object) -> object:
         made.append(1)
         sleep(0.05)  # the others ask meanwhile
-        return object()
+        return SimpleNamespace(sha256="")
 
     monkeypatch.setattr("rths_cli.experiment.identify_on_rig.measure", measure)
     monkeypatch.setattr("rths_cli.experiment.identify_on_rig.evaluated", lambda *_: len(made))

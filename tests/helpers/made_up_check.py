@@ -33,7 +33,10 @@ OF_LAWS = (
     "check.residual_drift_m", "check.restoring_work_j", "check.peak_inter_storey_drift_m",
 )  # fmt: skip
 OF_CALIBRATION, OF_BASE = ("check.true_error", "check.calibration_error"), "check.pitch_error"
-LINEAR = {path for path in metrics_of("check") if not path.startswith((*OF_LAWS, *OF_CALIBRATION, OF_BASE))}
+OF_ACTUATOR = "check.interface_disp_error"
+LINEAR = {
+    path for path in metrics_of("check") if not path.startswith((*OF_LAWS, *OF_CALIBRATION, OF_BASE, OF_ACTUATOR))
+}
 """The figures of a check of a linear building on a rig that is as declared, whose base is not seen to pitch."""
 OF_RUNS = {
     path

@@ -100,15 +100,17 @@ class Note(NamedTuple):
 
 
 def notes(results: Sequence[Result]) -> list[Note]:
-    """Return the notes of results, each once, those that each case has first before those that it has second; none
-    that a verdict has said already."""
+    """Return the notes of results, each once, those that each case has first before those that it has second, doubts
+    of a unit before all; none that a verdict has said already."""
     cases: dict[str, list[str]] = {}
     place: dict[str, int] = {}
     alike: dict[str, object] = {}
     for result in results:
         said = verdict(result)
         alike |= {str(found): found.alike for found in stored_findings(result) if found.code != "stated"}
-        stored = dict.fromkeys([*_peaks_off(result), *str(result.attributes.get("warnings") or "").splitlines()])
+        doubts = [str(found) for found in stored_findings(result) if found.code == "units.doubt"]
+        warned = str(result.attributes.get("warnings") or "").splitlines()
+        stored = dict.fromkeys([*(one for one in doubts if one in warned), *_peaks_off(result), *warned])
         for number, note in enumerate(note for note in stored if note not in said):
             cases.setdefault(note, []).append(result.path.stem)
             place[note] = min(number, place.get(note, number))

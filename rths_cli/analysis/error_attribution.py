@@ -75,6 +75,7 @@ OF_BUDGET = {
     "lost": "lost samples",
     "drift": "sensor drift",
 }
+OF_LAW = "what the law commands beyond its linear block (moved parameters, rounding)"
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,8 @@ def causes_of(
         found.append(Cause(names, rms(part), _size(names[0], factors)))
         candidates = {name: rows for name, rows in candidates.items() if name not in names}
     found.append(Cause((FRICTION,), rms(rubs)))
-    found += [Cause((OF_BUDGET[name],), budget.causes[name].storeys) for name in STATED if name in budget.causes]
+    told = OF_BUDGET | ({"rounding": OF_LAW} if known.law else {})
+    found += [Cause((told[name],), budget.causes[name].storeys) for name in STATED if name in budget.causes]
     found += _random_causes(random["noise"].storeys, random["quantisation"].storeys, rms(left))
     found = [cause for cause in found if not exceeds(cause.storeys, budget.measured.storeys)]
     return tuple(sorted(found, key=lambda cause: -cause.largest))

@@ -112,6 +112,7 @@ class PredictionInputs:
     # (k,) rad/s: roots of motions of the loop that do not decay within the padding after the record
     slow_roots: ComplexArray = field(default_factory=lambda: np.zeros(0, dtype=complex))
     few_bits: FewBits | None = None  # None: rounding of samples and commands is noise
+    law: bool = False  # whether the feedforward is a law whose commands may leave those of its block
 
     @property
     def bits_m_s2(self) -> Array:

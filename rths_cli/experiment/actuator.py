@@ -11,6 +11,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
 
 from rths_cli.analysis import stability_check as preflight
 from rths_cli.analysis.closed_loop import closed_loop_matrix, critical_delay, loop_roots, modes_in_loop
@@ -58,6 +60,7 @@ if TYPE_CHECKING:
     from rths_cli.quantities import Values
 
 SEED = 31  # of the noise in the simulated test
+RARE = 0.05  # exceedances of a predicted peak in a test
 
 
 def is_of_actuator(setup: Setup) -> bool:
@@ -173,24 +176,47 @@ def simulated_run(setup: Setup, identified: Identification, blocks: Blocks, driv
     return play_identified(rig.plant, setup.rig, blocks, drive, without_limits(guard_limits(setup)), disturbed)
 
 
-def reach(setup: Setup, outcome: Outcome) -> tuple[preflight.Reach, ...]:
-    """Return the peaks of a simulated test with the limits that the guard keeps."""
-    rig, log = setup.rig, outcome.log
-    limits, gain = rig.limits, rig.gain_m_per_v
-    place = gain * log.command_v
-    speed = np.diff(place, prepend=0.0) / rig.dt_s
-    braked = place + speed * np.abs(speed) / (2.0 * BRAKE_SHARE * limits.acceleration_m_s2)
-    far = max(float(np.abs(one).max()) for one in (place, braked, log.corrected[0]))
-    cell = min(limits.force_n, rig.channels[1].range)
-    fastest = limits.fastest_m_s(gain)
-    return (
-        preflight.Reach("displacement_m", far, min(limits.stroke_m, rig.channels[0].range), "m", key="limits.stroke_m"),
-        preflight.Reach("velocity_m_s", float(np.abs(speed).max()), fastest, "m/s", key=limits.of_fastest(gain)),
-        preflight.Reach("force_n", float(np.abs(log.corrected[1]).max()), cell, "N", key="limits.force_n"),
-        preflight.Reach(
-            "command_v", float(np.abs(log.command_v).max()), rig.converters.range_v, "V", key="converters.range_v"
-        ),
-    )  # fmt: skip
+def reach(setup: Setup, quiet: Outcome, noisy: Outcome) -> tuple[preflight.Reach, ...]:
+    """Return the peaks of a simulated test with the limits that the guard keeps: what the test without noise, with
+    noise and rounding of their rms beside it, exceeds with a probability of `RARE` (the peak of one simulated noise
+    would be that of another test)."""
+    rig, limits, gain = setup.rig, setup.rig.limits, setup.rig.gain_m_per_v
+
+    def series(outcome: Outcome) -> Array:
+        place = gain * outcome.log.command_v
+        speed = np.diff(place, prepend=0.0) / rig.dt_s
+        braked = place + speed * np.abs(speed) / (2.0 * BRAKE_SHARE * limits.acceleration_m_s2)
+        return np.array([place, braked, outcome.log.corrected[0], speed, outcome.log.corrected[1], place / gain])
+
+    calm = series(quiet)
+    noise = series(noisy) - calm
+    sizes, rms = np.abs(calm), noise.std(axis=1)
+    peak = np.array([rarely_exceeded(one, float(by)) for one, by in zip(sizes, rms, strict=True)])
+    fixed = peak - sizes.max(axis=1)
+    of_place = int(np.argmax(peak[:3]))
+    fastest, cell = limits.fastest_m_s(gain), min(limits.force_n, rig.channels[1].range)
+    rows = (
+        ("displacement_m", of_place, min(limits.stroke_m, rig.channels[0].range), "m", "limits.stroke_m"),
+        ("velocity_m_s", 3, fastest, "m/s", limits.of_fastest(gain)),
+        ("force_n", 4, cell, "N", "limits.force_n"),
+        ("command_v", 5, rig.converters.range_v, "V", "converters.range_v"),
+    )
+    return tuple(
+        preflight.Reach(name, float(peak[row]), limit, units, float(fixed[row]), key, "rounding", ("finer_converters",))
+        for name, row, limit, units, key in rows
+    )
+
+
+def rarely_exceeded(sizes: Array, rms: float) -> float:
+    """Return the level beyond which sizes (n,) with normal noise of this rms go `RARE` times in a test."""
+    largest = float(sizes.max(initial=0.0))
+    if not rms > 0.0:
+        return largest
+
+    def beyond(level: float) -> float:
+        return float(ndtr((sizes - level) / rms).sum() + ndtr((-sizes - level) / rms).sum())
+
+    return float(brentq(lambda level: beyond(level) - RARE, largest, largest + 10.0 * rms))
 
 
 def metrics(setup: Setup, run: str, series: Series, sim: Response, hybrid: BuildingMotion) -> dict[str, ArrayLike]:

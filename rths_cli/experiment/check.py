@@ -510,16 +510,7 @@ def _judge_actuator(setup: Setup, identified: Identification, design: Design, sh
     if found.radius < 1.0:
         drive = drive_of(setup, design)
         quiet, noisy = (actuator.simulated_run(setup, identified, blocks, drive, each) for each in (False, True))
-        pairs = zip(*(actuator.reach(setup, each) for each in (quiet, noisy)), strict=True)
-        rows = tuple(
-            replace(
-                loud,
-                fixed=min(max(loud.peak - calm.peak, 0.0), loud.peak),
-                cause="rounding",
-                advice=("finer_converters",),
-            )
-            for calm, loud in pairs
-        )
+        rows = actuator.reach(setup, quiet, noisy)
         values |= {f"check.peak_{row.name}": row.peak for row in rows}
         values |= {f"check.limit_{row.name}": row.limit for row in rows}
         values |= actuator.predicted_storeys(setup, identified, noisy, sim, lead)
@@ -554,7 +545,9 @@ def _judge_one(
     matrix = closed_loop_matrix(rig, design.blocks)
     known = known_of(setup, identified, design, rig, storeys, found.radius, shared)
     counters = as_designed.blocks.friction_compensation
-    known = replace(known, slow_roots=slow_roots(matrix, dt, known.lines.padded * dt), compensation=counters)
+    law = counters is None and not as_designed.blocks.feedforward.linear
+    slow = slow_roots(matrix, dt, known.lines.padded * dt)
+    known = replace(known, slow_roots=slow, compensation=counters, law=law)
     prediction = predict(known)
     if found.radius < 1.0 and (few := few_bits(known, prediction)) is not None:
         known = replace(known, few_bits=few)

@@ -86,7 +86,9 @@ DESIGN = {
         "controller: {name} is not linear; the check judges the block that it declares, which holds for small motions "
         "at most, and not the law itself"
     ),
-    "assumption.adaptive": notes("controller: {name} adapts {parameters!w}: {told!w}"),
+    "assumption.adaptive": notes(
+        "controller: {name} adapts {parameters!w}: {told!w}; the expected error is that of its start"
+    ),
     "assumption.step_times": notes(
         "structure.numerical: an answer of the program takes {half_s:.3g ms} here, {most_s:.3g ms} at most in 99 of "
         "100, {longest_s:.3g ms} at most; {missed:.2g %} of them would miss the {stated_s:.3g ms} of the case on the "

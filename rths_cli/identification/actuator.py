@@ -98,10 +98,8 @@ def identify_actuator(
     lines = (played.lines >= np.ceil(band_hz[0] * played.period * info.dt_s)) & (played.frequency_hz <= band_hz[1])
     hz = played.frequency_hz[lines]
     rows = np.vstack([played.command_v[None], measured])
-    periods = rows[:, played.rest + played.period :].reshape(3, PERIODS - 1, played.period)[
-        :, :-1
-    ]  # the last one ramps down
-    spectra = np.fft.rfft(periods, axis=2)[:, :, played.lines[lines]]
+    periods = rows[:, played.rest + played.period :].reshape(3, PERIODS - 1, played.period)
+    spectra = np.fft.rfft(periods[:, :-1], axis=2)[:, :, played.lines[lines]]  # the last one ramps down
     command, place, force = spectra
     for name, one in (("displacement", place), ("force", force)):
         if not np.abs(one).max() > 0.0:

@@ -99,3 +99,14 @@ def test_what_is_not_served_is_refused_with_its_reason(tmp_path: Path) -> None:
         _setup(tmp_path, "controller=FF+FB")
     with pytest.raises(InputError, match="its specimen is moved by an actuator"):
         inspect_structure("el_centro_actuator")
+
+
+@pytest.mark.parametrize("peak", [0.0, 3.0])
+def test_a_predicted_peak_is_exceeded_in_one_test_of_twenty(peak: float) -> None:
+    """By drawing the noise of 4,000 tests."""
+    sizes, random = np.full(200, peak), np.random.default_rng(4)
+    sizes[7:] *= 0.3
+    level = actuator.rarely_exceeded(sizes, 0.5)
+    tests = sizes + 0.5 * random.standard_normal((4_000, 200))
+    assert (np.abs(tests).max(axis=1) > level).mean() == pytest.approx(actuator.RARE, abs=0.012)
+    assert actuator.rarely_exceeded(sizes, 0.0) == peak

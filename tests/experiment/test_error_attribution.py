@@ -40,6 +40,13 @@ def test_friction_that_is_countered_is_no_cause(memory: Memory) -> None:
 
 
 @pytest.mark.campaign
+def test_parameters_of_a_law_that_move_are_not_called_rounding(memory: Memory) -> None:
+    """Dry friction of the table moves them; converters of any number of bits give the same error."""
+    found = named_causes(Switched(("controller={kind: predictive_adaptive}",), "", before=True), memory)
+    assert found.causes[0].told.startswith("what the law commands beyond its linear block")
+
+
+@pytest.mark.campaign
 def test_a_gain_is_named_alone_with_its_size(one_gain: Named) -> None:
     assert one_gain.causes[0].names == ("gain of floor_2",)
     assert float(one_gain.causes[0].size.split()[0]) == pytest.approx(0.5, abs=0.02)

@@ -15,7 +15,8 @@ Both sides of the fit pass one low pass; derivatives are central differences. Be
 own, noise of the sensor does not bias the parameters; b_0, b_1, b_2 are bounded, change no faster than stated, and stay
 at 1, 0, 0 while the motion is smaller than `least_m`, of a table `least_m_s2`. The command is affine in them: the check
 judges the law over their range. A narrow change, such as another resonance of the specimen, is no factor of second
-order and is not followed.
+order and is not followed. Nor is dry friction of a table, which the fit takes for delay: 30 % of El Centro on
+aps400_virtual ends with 8.8 % of SIM, with `predictive` 0.52 %.
 """
 
 from __future__ import annotations

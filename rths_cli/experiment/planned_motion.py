@@ -85,10 +85,11 @@ def planned_motion(
     if actuator.is_of_actuator(setup):
         return _of_actuator(setup, identified, design.blocks, drive)
     demand, blocks = _demand(setup, drive, source), design.blocks
+    own = bool(setup.parts) or blocks.runs_own_code
+    listens = own or _listens(blocks, source)
     if demand is not None:
-        own = bool(setup.parts) or blocks.runs_own_code
-        demand = replace(demand, own_parts=own, listens=own or _listens(blocks, source))
-    if setup.parts or blocks.runs_own_code:
+        demand = replace(demand, own_parts=own, listens=listens)
+    if setup.parts or blocks.in_python:
         return demand
     setup = setup.calibrated(identified)
     rig, _ = loop_parts(setup, identified)
@@ -106,7 +107,7 @@ def planned_motion(
     if not full.played:
         return demand
     both = [_peaks(setup, blocks, outcome.log) for outcome in (nominal, full)]
-    return replace(_larger(*both), listens=_listens(blocks, source))
+    return replace(_larger(*both), own_parts=own, listens=listens)
 
 
 def _of_actuator(

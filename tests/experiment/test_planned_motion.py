@@ -58,6 +58,7 @@ def usual(make: Make) -> Made:
     [
         *((kind, one) for kind in BOTH for one in ((), ("controller=FF",), ("table.converters.bits=9",))),
         (SHAKE_TABLE_TEST, ("controller=none",)),  # without a controller this hybrid loop does not settle
+        (SHAKE_TABLE_TEST, ("controller={kind: predictive_adaptive}", "table.converters.bits=9", "scaling=0.2")),
     ],
     ids=lambda value: getattr(value, "name", None),
 )

@@ -1,12 +1,7 @@
-"""The check of one case, computed: building as identified, predicted error, verdict, tangents of laws, simulated
-test.
+"""The check of one case, computed: building as identified, predicted error, verdict, tangents of laws.
 
 Verdicts at tangents are indications: a loop that is stable at every frozen tangent may still diverge, and one that is
-not may end in a bounded vibration. The simulated test (experiment/check.py) is the evidence.
-
-The compiled step with its laws is played on the identified model (loop/identified_rig_run.py), several times: on a
-perfect table, on the identified one, then with one cause of errors after the other added. The reference is SIM of the
-computed storeys with the identified specimen. After a run the same is done with what was measured (`Replayed`).
+not may end in a bounded vibration. The simulated test (experiment/simulated_test.py) is the evidence.
 """
 
 from __future__ import annotations
@@ -34,15 +29,12 @@ from rths_cli.analysis.predicted_error import (
     Errors,
     PredictionInputs,
     error_if_changed,
-    few_bits,
-    friction_samples,
-    model_error_samples,
     predict,
-    white_noise_m_s2,
+    weight_of_few_bits,
 )
 from rths_cli.analysis.program_stability import modes_in_transition
 from rths_cli.analysis.references import reference_of
-from rths_cli.analysis.stability_check import Reach, Strays, reach_of_series
+from rths_cli.analysis.stability_check import Strays
 from rths_cli.analysis.true_error import OwnError, best_remedy, sensitivities, true_error
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.numerical_substructure import interface
@@ -53,13 +45,10 @@ from rths_cli.experiment import actuator, run_metrics
 from rths_cli.experiment.adaptive_check import adaptive_faults, adaptive_verdict
 from rths_cli.experiment.design import loop_faults, loop_parts, loop_stability, required_delay_s
 from rths_cli.experiment.one_table_run import drive_of
-from rths_cli.experiment.real_rig_readiness import guard_limits
 from rths_cli.experiment.run_metrics import lowest_reliable_hz
-from rths_cli.experiment.run_signals import on_record_clock, whole_building
 from rths_cli.experiment.setup import motion_key
+from rths_cli.experiment.simulated_test import Replayed, Simulated, played_rounding, simulated_test
 from rths_cli.findings import Finding
-from rths_cli.loop.guard import without_limits
-from rths_cli.loop.identified_rig_run import Disturbed, on_perfect_table, perfect_table, play_identified, seen_by_model
 from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.structure import Building, Specimen, assemble, modal_damping_matrix, modes, storey_matrix
@@ -79,9 +68,7 @@ if TYPE_CHECKING:
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Calibration, Identification
-    from rths_cli.loop.guard import GuardLimits
-    from rths_cli.loop.simulated_time_run import Outcome
-    from rths_cli.numerics.lti import Array, Block, ComplexArray
+    from rths_cli.numerics.lti import Array, Block
 
 SOFTEST = 0.01  # of a storey's stiffness at rest: a softer building does not return within a record
 AT_REST = "at rest"
@@ -210,223 +197,6 @@ def _verdict(
 
 
 @dataclass(frozen=True)
-class Simulated:
-    """The simulated test of a building with laws; empty values where the guard stopped it."""
-
-    faults: tuple[Finding, ...]  # why it is not safe, beside its reach
-    reach: tuple[Reach, ...]  # peaks of the test without noise
-    causes: dict[str, Errors] = field(default_factory=dict)  # RMS errors by cause, as in a Prediction
-    total: Errors | None = None
-    response: dict[str, ArrayLike] = field(default_factory=dict)  # metrics `check.*` of the building's response
-
-
-@dataclass(frozen=True)
-class _Played:
-    """One simulated test on the record's clock."""
-
-    outcome: Outcome
-    tracking: Array  # (n,) desired minus measured table acceleration
-    accel: Array  # (n_storeys, n)
-    rel_disp_m: Array  # (n_storeys, n)
-    law_force_n: Array  # (s, n)
-
-
-@dataclass(frozen=True)
-class SimulatedTest:
-    """What all simulated tests of a case share."""
-
-    setup: Setup
-    building: Building  # with the identified specimen and its laws
-    blocks: Blocks
-    drive: Array
-
-    def play(self, plant: Block, blocks: Blocks, disturbed: Disturbed, limits: GuardLimits) -> _Played:
-        outcome = play_identified(plant, self.setup.rig, blocks, self.drive, limits, disturbed)
-        dt_s, motion = self.setup.rig.dt_s, self.setup.motion
-        series = on_record_clock(outcome, blocks.lead_samples, dt_s, len(motion.time_s))
-        whole = whole_building(self.building, series, motion.accel_m_s2, dt_s)
-        law_force_n = series.law_force_n
-        assert law_force_n is not None  # a building with laws
-        tracking = series.desired[0] - series.measured[0]
-        return _Played(outcome, tracking, whole.abs_accel_m_s2, whole.rel_disp_m, law_force_n)
-
-    def errors(self, storeys: Array, tracking: Array) -> Errors:
-        """Return the RMS errors as a run reports them, of series (n_storeys, n) and (n,) in m/s^2."""
-        found = run_metrics.errors(
-            "check", (np.zeros_like(tracking), tracking, None), (np.zeros_like(storeys), storeys, None),
-            self.setup.rig.dt_s, lowest_reliable_hz(self.setup), None, self.setup.case.test_band_hz,
-        )  # fmt: skip
-        return Errors(np.asarray(found["check.rms_error_m_s2"]), float(np.asarray(found["check.tracking_rms_m_s2"])))
-
-
-def simulated_test(
-    setup: Setup, building: Building, design: Design, rig: IdentifiedRig, known: PredictionInputs, at_rest: Prediction,
-    sim: Response, strays: Strays,
-) -> Simulated:  # fmt: skip
-    """Return the simulated test of a building with laws on the identified rig.
-
-    `building` consists of the computed storeys with their laws and the identified specimen, and `sim` is its SIM;
-    `known` and `at_rest` are inputs and result of the prediction of the storeys at rest, `strays` theirs.
-    """
-    info, blocks = setup.rig, design.blocks
-    test = SimulatedTest(setup, building, blocks, drive_of(setup, design))
-    limits = guard_limits(setup)
-    limits = limits._replace(stuck=np.full(limits.stuck.shape, np.inf))  # a model's channels are never stuck
-    quiet = replace(seen_by_model(rig, blocks, info, setup.removes_sensors), shaping_step_v=0.0)
-    rows, still = len(test.drive), np.zeros((len(test.drive), len(info.channels)))
-    never = without_limits(limits)
-    nominal = test.play(rig.plant, quiet, Disturbed(still), never)
-    reach = _reach(setup, nominal, sim, blocks.shaping_step_v > 0.0, strays)
-    if not nominal.outcome.played:
-        return Simulated((_stopped(nominal.outcome),), tuple(replace(row, peak=np.inf) for row in reach))
-    command = known.lines.of(nominal.outcome.log.command_v[: known.lines.samples])
-    moved = replace(known, velocity_m_s=nominal.outcome.log.desired[1, : known.lines.samples])
-    added = {"model": model_error_samples(known, command), "friction": friction_samples(moved)}
-    wanted = {name: _samples_v(known, rig, samples, rows) for name, samples in added.items()}
-    noise = np.random.default_rng(SEED).standard_normal(still.shape) * (white_noise_m_s2(known) * _sizes(setup))
-    step_v, shaping_v = info.converters.step_v, blocks.shaping_step_v
-    with_friction = wanted["model"] + wanted["friction"]
-    with_noise = with_friction + noise
-    full = replace(quiet, shaping_step_v=shaping_v)
-    sent_step_v = 0.0 if shaping_v > 0.0 else step_v  # the rig rounds what the step does not
-    last = test.play(rig.plant, full, Disturbed(with_noise, step_v, sent_step_v), limits)
-    if not last.outcome.played:
-        return Simulated((_stopped(last.outcome),), reach)
-    none = np.zeros_like(nominal.tracking)
-    total = test.errors(last.accel - sim.abs_accel_m_s2, last.tracking)
-    response = run_metrics.of_laws("check", building, last.rel_disp_m, last.law_force_n)
-    drifts = np.abs(np.diff(last.rel_disp_m, axis=0, prepend=0.0)).max(axis=1)
-    response["check.peak_inter_storey_drift_m"] = drifts
-    size = test.errors(sim.abs_accel_m_s2, none).storeys
-    faults = tuple(_far_off(total.storeys, size))
-    if building.has_program:  # asked once for each cause, it would take minutes: causes are those of its linear part
-        return Simulated(faults, reach, dict(at_rest.causes), total, response)
-    model = test.play(rig.plant, quiet, Disturbed(wanted["model"]), never)
-    friction = test.play(rig.plant, quiet, Disturbed(with_friction), never)
-    noisy = test.play(rig.plant, quiet, Disturbed(with_noise), never) if noise.any() else friction
-    steps = {  # the run with a cause and the run without it
-        "model": (model, nominal),
-        "friction": (friction, model),
-        "noise": (noisy, friction),
-        "quantisation": (test.play(rig.plant, quiet, Disturbed(with_noise, step_v), never), noisy),
-        "rounding": (test.play(rig.plant, full, Disturbed(with_noise, 0.0, sent_step_v), never), noisy),
-    }
-    ideal, coupling = _on_perfect_table(test, never), at_rest.causes["coupling"]
-    reached = sim.abs_accel_m_s2
-    if ideal is not None:
-        coupling, reached = test.errors(ideal.accel - reached, none), ideal.accel
-    causes = {"coupling": coupling, "latency": test.errors(nominal.accel - reached, nominal.tracking)}
-    for cause, (run, before) in steps.items():
-        causes[cause] = test.errors(run.accel - before.accel, run.tracking - before.tracking)
-    return Simulated(faults, reach, causes, total, response)
-
-
-class Replayed:
-    """A test of storeys with laws, played again on the identified rig with disturbances that a run has shown.
-
-    Disturbances have lines up to those of `known`. That of a command is given as what the rig makes of it.
-    """
-
-    def __init__(
-        self,
-        setup: Setup,
-        building: Building,
-        design: Design,
-        rig: IdentifiedRig,
-        known: PredictionInputs,
-        sim: Response,
-    ) -> None:
-        """`building`, `design`, `rig`, `known` and `sim` as of `simulated_test`."""
-        self._known, self._rig, self._sim = known, rig, sim
-        self._test = SimulatedTest(setup, building, design.blocks, drive_of(setup, design))
-        self._never = without_limits(guard_limits(setup))
-        self._blocks = replace(seen_by_model(rig, design.blocks, setup.rig, setup.removes_sensors), shaping_step_v=0.0)
-        self._given = np.zeros_like(known.loop.rig)  # all disturbances so far
-        self._last = self._nominal = self._play(self._given)
-
-    @property
-    def sim(self) -> ComplexArray:
-        return self._known.lines.of(self._sim.abs_accel_m_s2)
-
-    @property
-    def perfect(self) -> ComplexArray:
-        found = _on_perfect_table(self._test, self._never)
-        return self.sim if found is None else self._known.lines.of(found.accel)
-
-    @property
-    def nominal(self) -> tuple[ComplexArray, ComplexArray]:
-        return self._known.lines.of(self._nominal.accel), self._known.lines.of(self._nominal.tracking)
-
-    def disturb(self, samples: ComplexArray, command: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
-        before, lines = self._last, self._known.lines
-        through = 0.0 if command is None else self._known.loop.rig * command
-        self._given = self._given + samples + through
-        self._last = self._play(self._given)
-        return lines.of(self._last.accel - before.accel), lines.of(self._last.tracking - before.tracking)
-
-    def small(self, samples: ComplexArray) -> ComplexArray:
-        lines = self._known.lines
-        size = float(rms(lines.series(samples)).max())
-        if size == 0.0:
-            return np.zeros_like(self.sim)
-        factor = SMALL * float(rms(self._nominal.accel).max()) / size
-        return np.asarray(lines.of(self._play(self._given + factor * samples).accel - self._last.accel) / factor)
-
-    def _play(self, samples: ComplexArray) -> _Played:
-        added = Disturbed(_samples_v(self._known, self._rig, samples, len(self._test.drive)))
-        return self._test.play(self._rig.plant, self._blocks, added, self._never)
-
-
-def _on_perfect_table(test: SimulatedTest, limits: GuardLimits) -> _Played | None:
-    """Return the test on a table that follows the desired motion; None without a lead, by which it is known early."""
-    info, blocks = test.setup.rig, test.blocks
-    if blocks.lead_samples < 1:
-        return None
-    plant = perfect_table(test.building.specimen, info, blocks.lead_samples)
-    still = np.zeros((len(test.drive), len(info.channels)))
-    quiet = replace(on_perfect_table(blocks, info), shaping_step_v=0.0)
-    return test.play(plant, quiet, Disturbed(still, of_desired=True), limits)
-
-
-def _reach(setup: Setup, played: _Played, sim: Response, shaped: bool, strays: Strays) -> tuple[Reach, ...]:
-    """Return the peaks of a simulated test, with the limits that the guard enforces."""
-    masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
-    log, steps = played.outcome.log, max(played.outcome.steps, 2)
-    command, accel = log.command_v[:steps], log.corrected[:, :steps]
-    rate = np.diff(command, prepend=0.0) / setup.rig.dt_s
-    interface = len(setup.building.numerical.masses_kg) - 1
-    loudest = float(np.abs(sim.abs_accel_m_s2[interface:]).max())
-    return reach_of_series(command, rate, accel, loudest, setup.rig, masses, shaped, strays)
-
-
-def _samples_v(known: PredictionInputs, rig: IdentifiedRig, corrected: ComplexArray, rows: int) -> Array:
-    """Return the disturbance (rows, c) of the raw samples in V whose lines (c, m), corrected, are given in m/s^2."""
-    lines = known.lines
-    correction = np.einsum("ccm->cm", rig.correction.response(lines.frequency_hz))
-    whole = np.fft.irfft(corrected / correction, lines.padded)
-    return np.ascontiguousarray(whole[:, :rows].T)
-
-
-def _sizes(setup: Setup) -> Array:
-    return np.array([channel.sensitivity_v_per_unit for channel in setup.rig.channels])
-
-
-def _stopped(outcome: Outcome) -> Finding:
-    return Finding("loop.simulated_stop", {"at_s": outcome.stopped_at_s, "stopped_by": outcome.stopped_by_limit})
-
-
-def _far_off(errors: Array, sizes: Array) -> list[Finding]:
-    """Return a reason if a storey of the simulated test is far from SIM."""
-    ratios = errors / np.maximum(sizes, np.finfo(float).tiny)
-    worst = int(np.argmax(ratios))
-    if ratios[worst] <= MOST_ERROR:
-        return []
-    error = float(ratios[worst])
-    values = {"storey": worst + 1, "error": error, "permitted": MOST_ERROR}
-    return [Finding("loop.simulated_error", values, beyond=error)]
-
-
-@dataclass(frozen=True)
 class Uncertain:
     """What is not certain of a hybrid test before it runs, and what its loop is predicted to do."""
 
@@ -549,8 +319,8 @@ def _judge_one(
     slow = slow_roots(matrix, dt, known.lines.padded * dt)
     known = replace(known, slow_roots=slow, compensation=counters, law=law)
     prediction = predict(known)
-    if found.radius < 1.0 and (few := few_bits(known, prediction)) is not None:
-        known = replace(known, few_bits=few)
+    if nominal and found.radius < 1.0 and (weight := weight_of_few_bits(known, prediction)) > 0.0:
+        known = replace(known, few_bits=played_rounding(setup, building, design, rig, known, prediction, weight))
         prediction = predict(known)
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
     strays = preflight.strays(known, found)

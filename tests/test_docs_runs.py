@@ -37,7 +37,7 @@ LEFT_OUT = {
     "howto/channels.md": ["a part of a rig file", "needs the rig"],
     "howto/recordings.md": ["needs a recording of a whole specimen; tests/cli/test_identify.py makes one"],
     "howto/own_law.md": ["a part of a package's pyproject.toml"],
-    "howto/opensees.md": ["needs the package opensees"],
+    "howto/opensees.md": ["needs the package opensees", "waits for OpenSees", "a part of a script"],
     "tutorial/yielding_frame.md": ["needs the package opensees"] * 3,
     "howto/structure_as_matrices.md": ["needs OpenSees", "needs files of SAP2000"],
 }
@@ -62,6 +62,7 @@ LISTS = [page for page in pages() if page not in STORIES and at(page) not in (*R
 EXAMPLES_LEFT_OUT = {
     "doctor": "measures the machine in real time",
     "serve": "runs until it is stopped",
+    "bridge": "waits for a client; tests/rigs/test_bridge.py has some",
     "evaluate": "needs a recording; howto/judge_a_recorded_test.md makes one",
     "recover": "needs the log of a killed process",
     "merge": "needs the parts that howto/cluster.md makes",

@@ -16,7 +16,7 @@ PARTS = {
     "Run": ("check", "run", "evaluate", "sweep", "ida", "merge", "benchmark"),
     "Look": ("report", "export"),
     "Prepare": ("new", "list", "structure", "records", "schema", "data", "identify"),
-    "Real rigs": ("doctor", "calibrate", "serve", "recover", "plugin"),
+    "Real rigs": ("doctor", "calibrate", "serve", "bridge", "recover", "plugin"),
 }
 LONGEST = 200  # characters of the first sentence: all of it, over several lines
 OTHERS = "Other"  # commands that stand in none of the parts

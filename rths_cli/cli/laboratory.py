@@ -1,4 +1,4 @@
-"""`rths doctor`, `rths calibrate`, `rths serve`, `rths recover`, `rths plugin`."""
+"""`rths doctor`, `rths calibrate`, `rths serve`, `rths bridge`, `rths recover`, `rths plugin`."""
 
 from __future__ import annotations
 
@@ -398,4 +398,89 @@ def serve(
     ended = serve(request, screen.message if as_json else click.echo)
     if as_json:
         click.echo(json.dumps({"sessions": [asdict(one) for one in ended]}, indent=2))
+    return 0
+
+
+@cli.command()
+@click.argument("program", type=click.Choice(["opensees"]), metavar="opensees")
+@click.argument("case")
+@click.option("--length", type=click.Choice(["m", "cm", "mm", "in", "ft"]), required=True, help="The script's unit.")
+@click.option("--force", type=click.Choice(["N", "kN", "MN", "lbf", "kip"]), required=True, help="The script's unit.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Private address to listen at.")
+@click.option("--port", type=click.IntRange(0, 65535), default=8090, show_default=True, help="0: a free one.")
+@click.option(
+    "--rate",
+    type=Number(min=1e-6, max=10),
+    default=0.01,
+    show_default=True,
+    metavar="M/S",
+    help="Largest velocity of the actuator.",
+)
+@click.option(
+    "--hold",
+    type=Number(min=0.01, max=100),
+    default=0.2,
+    show_default=True,
+    metavar="S",
+    help="Time at each displacement; displacement and force are averaged over its second half.",
+)
+@click.option(
+    "--tolerance",
+    type=Number(min=1e-9, max=1e-2),
+    metavar="M",
+    help="By how much the measured displacement may miss [default: by the sensor's noise and bits].",
+)
+@click.option(
+    "--silent",
+    type=Number(min=0.1, max=86_400),
+    default=600.0,
+    show_default=True,
+    metavar="S",
+    help="End when the client says nothing for so long.",
+)
+@click.option(
+    "--output", type=FILE, metavar="FILE", help="One that exists is refused [default: NAME-bridge.csv, a free name]."
+)
+@settings_option
+@json_option
+def bridge(
+    program: str,
+    case: str,
+    length: str,
+    force: str,
+    host: str,
+    port: int,
+    rate: float,
+    hold: float,
+    tolerance: float | None,
+    silent: float,
+    output: Path | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Move a displacement rig for an OpenSees script with an element genericClient: a pseudo-dynamic test.
+
+    CASE names rig and specimen. One client is served; then, however it ends, the actuator returns to zero.
+
+    Example: rths bridge opensees el_centro_actuator --length mm --force N
+    """
+    from dataclasses import asdict
+
+    from rths_cli.laboratory.bridge import BridgeRequest, bridge_opensees
+
+    screen = new_screen(as_json)
+    request = BridgeRequest(case, settings, length, force, host, port, rate, hold, tolerance, silent, output)
+    made = bridge_opensees(request, screen.message if as_json else click.echo, screen.doing)
+    screen.clear()
+    if as_json:
+        click.echo(json.dumps(asdict(made) | {"file": str(made.file), "notes": made.notes, "exit_code": 0}, indent=2))
+        return 0
+    click.echo(f"complete: {made.steps} steps, {made.moves} moves in {made.rig_time_s:.0f} s of the rig, {made.file}")
+    click.echo(
+        f"largest displacement {1e3 * made.largest_displacement_m:.4g} mm, missed by at most "
+        f"{1e6 * made.largest_miss_m:.3g} um of {1e6 * made.tolerance_m:.3g} um; largest force "
+        f"{made.largest_force_n:.4g} N, standard error of a force at most {made.force_error_n:.2g} N"
+    )
+    for note in made.notes:
+        click.echo(f"note: {note}")
     return 0

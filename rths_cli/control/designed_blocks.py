@@ -31,7 +31,7 @@ from rths_cli.control.compensator import CompiledLaw
 from rths_cli.control.friction_compensation import FrictionFeedforward
 from rths_cli.control.interface import Interface, Logged, PartDesign
 from rths_cli.control.python_parts import PythonPart
-from rths_cli.errors import InputError
+from rths_cli.errors import InputError, RthsError
 from rths_cli.numerics.lti import Array, Block
 from rths_cli.structure import Specimen
 
@@ -192,7 +192,11 @@ class Blocks:
     def fault(self) -> str:
         """Return what a part that is a Python object raised in the last run, "" if none did."""
         faults = [(one.name, one.fault) for one in self.in_python if one.fault is not None]
-        return f"{faults[0][0]} failed: {type(faults[0][1]).__name__}: {faults[0][1]}" if faults else ""
+        if not faults:
+            return ""
+        name, fault = faults[0]
+        # a sentence of ours names what failed, and needs no class of Python
+        return str(fault) if isinstance(fault, RthsError) else f"{name} failed: {type(fault).__name__}: {fault}"
 
     def finish(self) -> None:
         """End the processes of parts that have any; called after each run."""

@@ -5,7 +5,8 @@ forces g on the floors, M d2x + C dx + K x + g = -M 1 a_g + e_p f. Every N sampl
 r at the displacements that the linear part predicts for the end of the next interval, H = D + N samples ahead, where D
 samples are what an answer takes. The residual r - K x is then reached on a straight line from its present value, so
 that it has no jump whenever an answer comes: linear interpolation, whose error falls with the square of the interval.
-A late answer lets the line go on for an interval, then the residual is held.
+A late answer lets the line go on for an interval, then the residual is held; what it has missed it makes up for no
+faster than it has changed before, over more than an interval where need be.
 """
 
 from __future__ import annotations
@@ -79,6 +80,7 @@ class RateTransition:
         self.older_at, self.newer_at = -plan.every, 0  # samples
         self.step, self.due, self.due_at_best, self.target = 0, -1, -1, 0  # due: -1 for no answer to come
         self.left = 2 * plan.every  # samples for which the line goes on
+        self.fastest, self.behind = np.zeros(p), False  # slopes of answers in time; whether some are made up for
         self.stalls = list(plan.stalls)
         self.direct = plan.block.D[-1:, 1:2].copy()
         self.inputs = np.zeros(2 + p)
@@ -154,6 +156,14 @@ class RateTransition:
         ahead = min(self.step + plan.every - self.newer_at, plan.every)
         there = self.newer + (self.newer - self.older) * (ahead / max(self.newer_at - self.older_at, 1))
         self.slope[:] = (there - self.residual) / plan.every
+        late = self.due > self.due_at_best  # the next answer then makes up for the requests that were left out
+        if self.behind or late:
+            usual = np.abs(self.newer - self.older) / max(self.newer_at - self.older_at, 1)
+            most = np.maximum(self.fastest, usual)
+            self.behind = late or bool((np.abs(self.slope) > most).any())
+            np.clip(self.slope, -most, most, out=self.slope)
+        else:
+            np.maximum(self.fastest, np.abs(self.slope), out=self.fastest)
         self.left, self.due = 2 * plan.every, -1
 
     def _request(self, ground: float, force: float) -> None:

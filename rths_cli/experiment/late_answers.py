@@ -22,12 +22,12 @@ def answer_metrics(run: str, series: Series) -> dict[str, ArrayLike]:
     rows = {one.name: row for one, row in zip(series.logs, series.logged, strict=True)}
     if LATE not in rows:
         return {}
-    begins = np.diff(rows[EXTRAPOLATED], prepend=0.0) > 0.0
+    begins = np.diff(rows[EXTRAPOLATED], prepend=0.0) > 0.0  # after a fault of the program rows are not numbers
     return {
         f"{run}.program_late_answers": int(np.sum(rows[LATE] > 0.0)),
         f"{run}.program_slow_downs": int(np.sum(rows[SLOWED] > 0.0)),
         f"{run}.program_extrapolations": int(np.sum(begins)),
-        f"{run}.program_latest_s": float(np.max(rows[LATE], initial=0.0)),
+        f"{run}.program_latest_s": float(np.nanmax(rows[LATE], initial=0.0)),
     }
 
 

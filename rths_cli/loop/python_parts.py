@@ -99,7 +99,22 @@ def called_substructure(design: PythonSubstructure, interface: Interface, room: 
         if design.logs:
             logged[:] = given("logged", getattr(model, "logged", ()), logged.shape)
 
-    calls_free, calls_advance = addresses_of(design, free, advance)
+    failed: list[BaseException] = []
+
+    def until_a_fault(work: Callable[[], None]) -> Callable[[], None]:
+        def call() -> None:
+            if failed:
+                raise failed[0]
+            try:
+                work()
+            except BaseException as fault:
+                failed.append(fault)
+                logged[:] = math.nan  # the rows that follow are of no step
+                raise
+
+        return call
+
+    calls_free, calls_advance = addresses_of(design, until_a_fault(free), until_a_fault(advance))
     return CalledSubstructure(calls_free, calls_advance, ground, force, accel, made, direct, logged)
 
 

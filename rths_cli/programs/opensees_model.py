@@ -65,6 +65,7 @@ class OpenSeesModel:
         self._build()
         self._tcl(PROCEDURES)
         self._ops.wipeAnalysis()
+        self._refuse_turned_links()
         self._nodes = self._floors()
         self.floors = tuple(f"node {node}" for node in self._nodes)
         self._apply_gravity()
@@ -92,6 +93,20 @@ class OpenSeesModel:
                 f"calls {stated[0]}: damping belongs to the linear part and is stated by damping of the case; take the "
                 "call out"
             )
+
+    def _refuse_turned_links(self) -> None:
+        """Raise ValueError for a zero-length element between nodes apart: its directions are taken along the line
+        between them, whatever the script means, and OpenSees only warns. Along the first axis this changes nothing."""
+        links = "if {[string match ZeroLength* [eleType $e]]} { lappend rths_links $e [eleNodes $e] }"
+        words = self._tcl(f"set rths_links {{}}; foreach e [getEleTags] {{ {links} }}; join $rths_links").split()
+        for element, one, other in zip(*[iter(words)] * 3, strict=True):
+            apart = np.array(self._place(int(other))) - np.array(self._place(int(one)))
+            if np.abs(apart[1:]).max(initial=0.0) > SAME_HEIGHT * (np.abs(apart).max() + 1.0):
+                raise ValueError(
+                    f"element {element} (zeroLength) joins nodes {one} and {other}, which are "
+                    f"{float(np.linalg.norm(apart)):.4g} apart: OpenSees then takes its directions along the line "
+                    "between them, after a warning only; put both nodes at one place, or use twoNodeLink"
+                )
 
     def _floors(self) -> tuple[int, ...]:
         """Return the nodes (p,) with mass in the interface's direction, upwards; keep their masses."""
@@ -288,8 +303,8 @@ class OpenSeesModel:
     def _connect(self, nodes: tuple[int, ...], stiffness: Array, damping: Array) -> None:
         """Connect nodes (q,) with each other and with the ground by springs and dashpots that add up to matrices.
 
-        A zero-length element between nodes apart has no force, after a warning: all nodes stand at the interface while
-        these elements are made. Those of the model have taken their lengths before.
+        A zero-length element between nodes apart is turned along their line, after a warning: all nodes stand at the
+        interface while these elements are made. Those of the model have taken their lengths before.
         """
         ops, dof, size = self._ops, self._description.dof, int(self._ops.getNDF())
         ground = max(int(tag) for tag in ops.getNodeTags()) + 1

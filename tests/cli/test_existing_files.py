@@ -61,8 +61,8 @@ COMMANDS = {
     "ida --figures": Writes(("ida", CASE, *SUITE, "--output", "i.h5", "--figures", "g"), "g/i-ida.svg"),
 }
 """Every command that writes files that may be replaced, and each kind of file."""
-NEVER = {"calibrate", "new", "recover", "serve"}
-"""Commands that replace nothing: a calibration, a case of the user, a complete result, a key."""
+NEVER = {"bridge", "calibrate", "new", "recover", "serve"}
+"""Commands that replace nothing: a bridge's record, a calibration, a case of the user, a complete result, a key."""
 NOTHING = {"check", "data", "doctor", "list", "plugin", "records", "schema"}
 """Commands that write no file that the user names."""
 Call = Callable[..., tuple[int, str]]

@@ -40,6 +40,12 @@ def build():
 TIED = "ops.equalDOF(11, 12, 1); ops.equalDOF(11, 13, 1)"
 
 
+LINK = (
+    "ops.node(90, 0.0, 3.0 - {}); ops.fix(90, 1, 1, 1); ops.uniaxialMaterial('Elastic', 9, 1e5); "
+    "ops.element('zeroLength', 90, 11, 90, '-mat', 9, '-dir', 1)"
+)
+
+
 def frame(folder: Path, ties: str = TIED, other: str = "0.0", call: str = "") -> Description:
     file = folder / "frame.py"
     file.write_text(FRAME.format(ties=ties, other=other, call=call), encoding="utf-8")
@@ -60,6 +66,7 @@ def test_the_force_on_a_floor_has_those_of_the_nodes_tied_to_it(tmp_path: Path) 
         ({"other": "500.0"}, "node 11 has 500 kg in degree of freedom 2"),
         ({"call": "ops.rayleigh(0.1, 0.0, 0.0, 0.0)"}, "calls rayleigh"),
         ({"call": "ops.mass(12, 5.0, 0.0, 0.0)"}, "at the same height"),
+        ({"call": LINK.format(0.5)}, "element 90 (zeroLength) joins nodes 11 and 90, which are 0.5 apart"),
         ({"call": "raise RuntimeError('no steel')"}, "RuntimeError: no steel"),
     ],
 )
@@ -67,6 +74,11 @@ def test_what_a_model_may_not_be_is_one_sentence(tmp_path: Path, change: dict[st
     with pytest.raises(ProgramFault, match="opensees program frame") as refused:
         described(frame(tmp_path, **change))
     assert told in str(refused.value)
+
+
+def test_a_zero_length_element_at_one_place_has_its_force(tmp_path: Path) -> None:
+    found = described(frame(tmp_path, call=LINK.format(0.0)))
+    assert found.stiffness == pytest.approx(np.array([[3 * 12.0 * 2e11 * 1e-8 / 27.0 + 1e5]]), rel=1e-6)
 
 
 @pytest.mark.campaign

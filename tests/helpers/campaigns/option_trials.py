@@ -51,6 +51,7 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "plugin": ("test", "nowhere"),
     "new": ("new.yaml",),
     "doctor": ("--seconds", "0.1", "--rate", "100"),
+    "bridge": ("opensees", "el_centro_actuator", "--length", "m", "--force", "N", "--host", "8.8.8.8"),
     "serve": ("--port", "0", "--seconds", "0.1"),
 }
 """What each command is given beside the value on trial, so that it does its work in a moment."""

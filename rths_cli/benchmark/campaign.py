@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,14 +16,20 @@ import numpy as np
 from rths_cli.analysis.adaptive_loop import AdaptiveVerdict
 from rths_cli.benchmark.displacement import (
     NONE,
-    ROW,
     SETTLED_S,
     CaseRuns,
     Designed,
     DisplacementBenchmark,
     critical_delay_s,
 )
-from rths_cli.case.benchmark_schema import BenchmarkCompensator, BenchmarkSpec, PlantChange
+from rths_cli.benchmark.ran import Ran
+from rths_cli.benchmark.table import PLAIN, TableBenchmark, TableCompensator
+from rths_cli.case.benchmark_schema import (
+    BenchmarkCompensator,
+    BenchmarkSpec,
+    PlantChange,
+    TableBenchmarkSpec,
+)
 from rths_cli.case.compensator_schema import OWN, STATE_SPACE, compensator_kinds
 from rths_cli.case.field_types import near
 from rths_cli.case.load import load_benchmark
@@ -40,6 +46,8 @@ from rths_cli.version import __version__
 
 FOLDER = Path("benchmarks")
 MOST_BYTES = 1 << 30  # of a file of rows
+AnyBenchmark = DisplacementBenchmark | TableBenchmark
+AnyDesigned = Designed | TableCompensator
 AHEAD = 4  # runs handed out per processor
 
 
@@ -77,19 +85,21 @@ class BenchmarkRequest:
 
 @dataclass(frozen=True)
 class BenchmarkRow:
-    """One run: its case, compensator and plant (0: the nominal one), and the numbers of `displacement.ROW`."""
+    """One run: its case, compensator and plant (0: the nominal one), its numbers by name, and why it was refused or
+    stopped ("": it was not)."""
 
     case: str
     compensator: str
     plant: int
     figures: dict[str, float]
+    outcome: str = ""
 
 
 @dataclass(frozen=True)
 class Benchmarked:
     """A finished benchmark: its file of rows, and how many of them were played now."""
 
-    bench: DisplacementBenchmark
+    bench: AnyBenchmark
     plan: dict[str, Any]
     rows: tuple[BenchmarkRow, ...]
     path: Path
@@ -101,14 +111,57 @@ class Benchmarked:
     """What is known of the nominal loop while parameters move, by compensator and case."""
 
 
-def benchmark_of(request: BenchmarkRequest) -> DisplacementBenchmark:
+def benchmark_of(request: BenchmarkRequest) -> AnyBenchmark:
     """Return the benchmark as it is asked for; raises InputError with all faults."""
     spec = load_benchmark(find(request.name, "benchmarks", Path.cwd()))
-    cases = _chosen("--case", request.cases, {case.name: case for case in spec.cases})
-    compensators = [_compensator(spec, one) for one in request.compensators] or list(spec.compensators)
-    labels = [one.label for one in compensators]
+    if isinstance(spec, TableBenchmarkSpec):
+        return _table_benchmark(spec, request)
+    return _displacement_benchmark(spec, request)
+
+
+def actuator_benchmark(request: BenchmarkRequest, option: str) -> DisplacementBenchmark:
+    """Return the benchmark of an `option` that only those of an actuator have; raises InputError for another one."""
+    found = benchmark_of(request)
+    if isinstance(found, TableBenchmark):
+        raise InputError(f"{option}: {request.name} is a benchmark of tables, this is of actuators; drop it. "
+                         "rths check tells it of a case")  # fmt: skip
+    return found
+
+
+def _table_benchmark(spec: TableBenchmarkSpec, request: BenchmarkRequest) -> TableBenchmark:
+    """Return a benchmark of tables as it is asked for."""
+    instead = {
+        "--noise-free": (request.noise_free, "copy its file and state table.sensors.noise_rms_m_s2=0 in the settings"),
+        "--change": (bool(request.changes), "state table.after_identification in the settings of its file"),
+    }
+    if faults := [f"{option}: {request.name} is a benchmark of tables, which has no such option; {what}"
+                  for option, (given, what) in instead.items() if given]:  # fmt: skip
+        raise InputError(*faults)
+    settings = [] if request.record is None else [f"record={json.dumps(request.record)}"]
+    settings += [] if request.scaling is None else [f"scaling={request.scaling!r}"]
+    spec = spec.model_copy(update={
+        "cases": tuple(_chosen("--case", request.cases, {case.name: case for case in spec.cases})),
+        "compensators": tuple(_compensators(spec, request, PLAIN)),
+        "plants": spec.plants if request.plants is None else request.plants,
+    })  # fmt: skip
+    return TableBenchmark(spec, tuple(settings))
+
+
+def _compensators(
+    spec: BenchmarkSpec | TableBenchmarkSpec, request: BenchmarkRequest, plain: Sequence[str]
+) -> list[BenchmarkCompensator]:
+    """Return those that are asked for, else those of the file; `plain`: what is no compensator of the registry."""
+    found = [_compensator(spec, one, plain) for one in request.compensators] or list(spec.compensators)
+    labels = [one.label for one in found]
     if repeated := sorted({label for label in labels if labels.count(label) > 1}):
         raise InputError(f"--compensator: {', '.join(repeated)} is given more than once; name each once")
+    return found
+
+
+def _displacement_benchmark(spec: BenchmarkSpec, request: BenchmarkRequest) -> DisplacementBenchmark:
+    """Return a benchmark of an actuator as it is asked for."""
+    cases = _chosen("--case", request.cases, {case.name: case for case in spec.cases})
+    compensators = _compensators(spec, request, (NONE,))
     change = _change(spec, request.changes)
     if change is not None:
         compensators = [*compensators, *_frozen(compensators)]
@@ -165,12 +218,12 @@ def _chosen(option: str, asked: Sequence[str], known: dict[str, Any]) -> list[An
     return [known[one] for one in dict.fromkeys(asked)] or list(known.values())
 
 
-def _compensator(spec: BenchmarkSpec, asked: str) -> BenchmarkCompensator:
+def _compensator(spec: BenchmarkSpec | TableBenchmarkSpec, asked: str, plain: Sequence[str]) -> BenchmarkCompensator:
     """Return a compensator of the table by its name, one of any kind with its defaults, or that of a Python file."""
     known = {one.label: one for one in spec.compensators}
     if asked in known:
         return known[asked]
-    kinds = [NONE, *(kind for kind in compensator_kinds() if kind not in (OWN, STATE_SPACE))]
+    kinds = [*plain, *(kind for kind in compensator_kinds() if kind not in (OWN, STATE_SPACE))]
     if not asked.endswith(".py") and asked not in kinds:
         names = dict.fromkeys((*known, *kinds))
         raise InputError(
@@ -185,24 +238,27 @@ def run_benchmark(request: BenchmarkRequest, watcher: Watcher) -> Benchmarked:
     bench = benchmark_of(request)
     watcher.doing("designing the compensators")
     designed = _all_designed(bench)
+    watcher.doing("reading the cases")
     plan = _plan(bench, request)
     path = request.output or FOLDER / f"{bench.spec.name}.jsonl"
     with claimed(path) as ours:
         if not ours:
             raise InputError(f"{path}: is being written by another process; choose another --output, or wait for it")
-        kept = _kept(path, plan) if request.resume else {}
+        kept = _kept(path, plan, bench.figures) if request.resume else {}
         replaced = () if request.resume else check_existing([(path, Kind.DOCUMENT)], request.replace)
         path.parent.mkdir(parents=True, exist_ok=True)
         check_writable(path.parent)
         rows = _written(path, plan, kept, _played(bench, designed, request, kept, watcher))
     if replaced:
         watcher.message(replaced_sentence(replaced))
-    delays = {case.name: critical_delay_s(bench, case) for case in bench.spec.cases}
     adapting = frozenset(one.label for one in designed if one.adapts)
+    made = Benchmarked(bench, plan, tuple(rows), path, len(rows) - len(kept), {}, adapting, {})
+    if isinstance(bench, TableBenchmark):
+        return made
     watcher.doing("judging the laws that adapt")
-    return Benchmarked(
-        bench, plan, tuple(rows), path, len(rows) - len(kept), delays, adapting, _adaptive(bench, designed)
-    )
+    delays = {case.name: critical_delay_s(bench, case) for case in bench.spec.cases}
+    of_actuator = [one for one in designed if isinstance(one, Designed)]
+    return replace(made, critical_delays_s=delays, adaptive=_adaptive(bench, of_actuator))
 
 
 def _adaptive(bench: DisplacementBenchmark, designed: Sequence[Designed]) -> dict[str, dict[str, AdaptiveVerdict]]:
@@ -215,9 +271,10 @@ def _adaptive(bench: DisplacementBenchmark, designed: Sequence[Designed]) -> dic
     return found
 
 
-def _all_designed(bench: DisplacementBenchmark) -> list[Designed]:
+def _all_designed(bench: AnyBenchmark) -> list[AnyDesigned]:
     """Return the compensators designed; raises InputError with the faults of all."""
-    made, faults = [], []
+    made: list[AnyDesigned] = []
+    faults = []
     for one in bench.spec.compensators:
         try:
             made.append(bench.designed(one))
@@ -228,7 +285,7 @@ def _all_designed(bench: DisplacementBenchmark) -> list[Designed]:
     return made
 
 
-def _plan(bench: DisplacementBenchmark, request: BenchmarkRequest) -> dict[str, Any]:
+def _plan(bench: AnyBenchmark, request: BenchmarkRequest) -> dict[str, Any]:
     """Return what decides the rows: the same plan gives the same bytes."""
     spec = bench.spec.model_dump(mode="json", exclude_none=True)
     files = {str(one.file): sha256(one.file.read_bytes()).hexdigest() for one in bench.spec.compensators if one.file}
@@ -237,9 +294,7 @@ def _plan(bench: DisplacementBenchmark, request: BenchmarkRequest) -> dict[str, 
         "version": __version__,
         "software_sha256": software(),
         "seed": request.seed,
-        "noise_free": bench.noise_free,
-        "record_sha256": sha256(bench.record.accel_m_s2.tobytes()).hexdigest(),
-        "record_dt_s": bench.record.dt_s,
+        **bench.facts(),
         "compensator_files": files,
         "benchmark": spec,
     }
@@ -249,7 +304,7 @@ Key = tuple[str, str, int]
 Rows = dict[Key, BenchmarkRow]
 
 
-def _kept(path: Path, plan: dict[str, Any]) -> Rows:
+def _kept(path: Path, plan: dict[str, Any], names: Sequence[str]) -> Rows:
     """Return the rows that an interrupted benchmark has; raises InputError for the file of another plan."""
     if not path.exists():
         return {}
@@ -262,8 +317,8 @@ def _kept(path: Path, plan: dict[str, Any]) -> Rows:
             "same options, drop --resume, or choose another --output"
         )
     found = (_read(line) for line in lines)
-    rows = [BenchmarkRow(one["case"], one["compensator"], one["plant"], _figures(one)) for one in found
-            if one and set(ROW) <= set(one)]  # fmt: skip
+    rows = [BenchmarkRow(one["case"], one["compensator"], one["plant"], _figures(one, names), one.get("outcome", ""))
+            for one in found if one and set(names) <= set(one)]  # fmt: skip
     return {(row.compensator, row.case, row.plant): row for row in rows}
 
 
@@ -276,28 +331,26 @@ def _read(line: str) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _figures(line: dict[str, Any]) -> dict[str, float]:
-    return {name: float("nan") if line[name] is None else float(line[name]) for name in ROW}
+def _figures(line: dict[str, Any], names: Sequence[str]) -> dict[str, float]:
+    return {name: float("nan") if line[name] is None else float(line[name]) for name in names}
 
 
 def _played(
-    bench: DisplacementBenchmark, designed: Sequence[Designed], request: BenchmarkRequest, kept: Rows, watcher: Watcher
+    bench: AnyBenchmark, designed: Sequence[AnyDesigned], request: BenchmarkRequest, kept: Rows, watcher: Watcher
 ) -> Iterator[BenchmarkRow]:
     """Yield all rows in their order, those that are kept and those that are played now."""
-    plants = range(bench.spec.plants)
-    count = len(designed) * len(bench.spec.cases) * len(plants)
-    storeys = {case.name: (case, bench.storeys(case), bench.reference(case)) for case in bench.spec.cases}
-    tasks = ((one, case.name, index) for one in designed for case in bench.spec.cases for index in plants)
+    count = len(designed) * len(bench.spec.cases) * bench.spec.plants
+    tasks = bench.tasks(designed)  # type: ignore[arg-type]
     engine = Engine("threads" if request.jobs > 1 else "inline", request.jobs)
     with executor_here(engine) as executor:
-        waiting: list[tuple[Key, Future[dict[str, float]] | None]] = []
+        waiting: list[tuple[Key, Future[Ran] | None]] = []
         done = 0
         try:
             while True:
                 for one, case, index in tasks:
                     key = (one.label, case, index)
-                    runs = CaseRuns(bench, *storeys[case], one)
-                    waiting.append((key, None if key in kept else executor.submit(runs.row, index, request.seed)))
+                    run = None if key in kept else executor.submit(bench.played, one, case, index, request.seed)  # type: ignore[arg-type]
+                    waiting.append((key, run))
                     if len(waiting) >= AHEAD * request.jobs:
                         break
                 if not waiting:
@@ -307,7 +360,11 @@ def _played(
                 done += 1
                 watcher.started(done, count, f"{label}, case {case}, plant {index}")
                 watcher.doing("playing")
-                yield kept[key] if future is None else BenchmarkRow(case, label, index, future.result())
+                if future is None:
+                    yield kept[key]
+                    continue
+                ran = future.result()
+                yield BenchmarkRow(case, label, index, ran.figures, ran.outcome)
         finally:
             executor.shutdown(wait=True, cancel_futures=True)
 
@@ -320,8 +377,9 @@ def _written(path: Path, plan: dict[str, Any], kept: Rows, rows: Iterator[Benchm
         file.write(json.dumps(plan) + "\n")
         for row in rows:
             told = {name: value if value == value else None for name, value in row.figures.items()}
+            said: dict[str, Any] = told | ({"outcome": row.outcome} if row.outcome else {})
             file.write(
-                json.dumps({"case": row.case, "compensator": row.compensator, "plant": row.plant, **told}) + "\n"
+                json.dumps({"case": row.case, "compensator": row.compensator, "plant": row.plant, **said}) + "\n"
             )
             file.flush()
             made.append(row)

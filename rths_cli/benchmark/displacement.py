@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from hashlib import sha256
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
 
 from rths_cli.analysis.adaptive_loop import AdaptiveVerdict, judged, spectral_radius
 from rths_cli.analysis.metrics import frequency_evaluation, peak, response_criteria, tracking_criteria, tracking_ratios
+from rths_cli.benchmark.ran import Ran
 from rths_cli.case.benchmark_schema import BenchmarkCase, BenchmarkCompensator, BenchmarkSpec, PlantChange
 from rths_cli.case.compensator_schema import OWN
 from rths_cli.control.compensator import (
@@ -116,6 +119,31 @@ class DisplacementBenchmark:
     spec: BenchmarkSpec
     record: Accelerogram
     noise_free: bool = False
+
+    figures = ROW
+    tracked = "true_j2_percent"
+
+    def facts(self) -> dict[str, Any]:
+        """Return what decides the rows beside the benchmark's file."""
+        return {
+            "noise_free": self.noise_free,
+            "record_sha256": sha256(self.record.accel_m_s2.tobytes()).hexdigest(),
+            "record_dt_s": self.record.dt_s,
+        }
+
+    def tasks(self, designed: Sequence[Designed]) -> Iterator[tuple[Designed, str, int]]:
+        """Yield the runs in their order."""
+        for one in designed:
+            for case in self.spec.cases:
+                yield from ((one, case.name, index) for index in range(self.spec.plants))
+
+    def played(self, designed: Designed, case: str, index: int, seed: int) -> Ran:
+        """Return how the run of a plant of a seed went."""
+        return Ran(CaseRuns(self, *self._of_case[case], designed).row(index, seed))
+
+    @cached_property
+    def _of_case(self) -> dict[str, tuple[BenchmarkCase, Storeys, Array]]:
+        return {case.name: (case, self.storeys(case), self.reference(case)) for case in self.spec.cases}
 
     @property
     def change(self) -> PlantChange | None:
@@ -235,6 +263,8 @@ class DisplacementBenchmark:
 
     def designed(self, stated: BenchmarkCompensator) -> Designed:
         """Return a compensator designed for the nominal plant; raises InputError for one that cannot be played."""
+        if stated.lead_samples:
+            raise InputError("lead_samples: belongs to the loop table; remove it")
         plant, predicts = self.identified, stated.predict_force
         if stated.kind == NONE:
             direct = np.array([[0.0, 0.0, 1.0 / plant.gain_m_per_v]])

@@ -43,7 +43,7 @@ def standings(made: Benchmarked) -> list[Standing]:
     of = {label: [row for row in made.rows if row.compensator == label] for label in labels}
     by_plant = {label: _by_plant(of[label], RANKED) for label in labels}
     failed = {label: sum(map(has_failed, of[label])) for label in labels}
-    order = sorted(labels, key=lambda label: (failed[label] > 0, _mean(by_plant[label])))
+    order = sorted(labels, key=lambda label: (failed[label] > 0, _or_inf(_mean(by_plant[label])), failed[label]))
     found: list[Standing] = []
     first = order[0]
     for place, label in enumerate(order):
@@ -51,14 +51,15 @@ def standings(made: Benchmarked) -> list[Standing]:
         first = first if tied else label
         found.append(Standing(
             label, found[-1].rank if tied else place + 1, _mean(by_plant[label]), half_interval(by_plant[label]),
-            _mean(_by_plant(of[label], "true_j2_percent")), max(row.figures[RANKED] for row in of[label]),
+            _mean(_by_plant(of[label], made.bench.tracked)), float(np.max([row.figures[RANKED] for row in of[label]])),
             failed[label], len(of[label]), verdict(of[label], label in made.adapting),
         ))  # fmt: skip
     return found
 
 
 def has_failed(row: BenchmarkRow) -> bool:
-    """Return whether a run diverged, or is one of an unstable loop that only the limit of the force holds."""
+    """Return whether a run diverged, was refused, or is one of an unstable loop that only the limit of the force
+    holds."""
     return is_diverged(row) or row.figures["radius"] > SAFE
 
 
@@ -80,14 +81,18 @@ def verdict(rows: Sequence[BenchmarkRow], adapts: bool) -> str:
 
 def contradicted(rows: Iterable[BenchmarkRow], adapting: frozenset[str]) -> list[BenchmarkRow]:
     """Return the runs that diverged although their linear loop is stable."""
-    return [row for row in rows
-            if is_diverged(row) and row.figures["radius"] <= SAFE and row.compensator not in adapting]  # fmt: skip
+    diverged = (row for row in rows if is_diverged(row) and not row.outcome)
+    return [row for row in diverged if row.figures["radius"] <= SAFE and row.compensator not in adapting]
 
 
 def _by_plant(rows: Sequence[BenchmarkRow], name: str) -> Array:
     """Return the mean of a figure over the cases, (plants,)."""
     plants = sorted({row.plant for row in rows})
     return np.array([np.mean([row.figures[name] for row in rows if row.plant == plant]) for plant in plants])
+
+
+def _or_inf(value: float) -> float:
+    return math.inf if math.isnan(value) else value
 
 
 def _mean(values: Array) -> float:

@@ -81,6 +81,9 @@ class BenchmarkCompensator(Strict):
     predict_force: bool = Field(
         default=False, description="whether the storeys get the force predicted by the identified specimen"
     )
+    lead_samples: Annotated[int, Range(ge=0, le=200)] = Field(
+        default=0, description="loop table: by how many samples the desired motion that it is given is ahead"
+    )
 
     @property
     def options(self) -> dict[str, float]:
@@ -93,13 +96,29 @@ class BenchmarkCompensator(Strict):
         return self.name or (self.file.stem if self.file else self.kind)
 
 
-class BenchmarkSpec(Strict):
-    """Hold a benchmark; `loop` names what plays it."""
+class AnyBenchmark(Strict):
+    """Hold what every benchmark has; `loop` names what plays it."""
 
     name: str = Field(default="inline", description="default: the file's name")
     heading: str = Field(description="heads the table")
     published_in: str = Field(description="where it is published")
-    loop: Literal["displacement"] = Field(description="the loop that plays it")
+    loop: Literal["displacement", "table"] = Field(
+        description="the loop that plays it: an actuator that tracks displacement, or the cases of a virtual table"
+    )
+    plants: Annotated[int, Range(ge=1, le=MOST_PLANTS)] = Field(default=20, description="how many, the nominal one too")
+    compensators: tuple[BenchmarkCompensator, ...] = Field(min_length=1, description="those of the table")
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        for key in ("cases", "compensators"):
+            names = [_name(one) for one in listed(data, key) or ()]
+            if repeated := sorted({name for name in names if names.count(name) > 1}):
+                yield (key,), f"has {', '.join(repeated)} more than once; give each a name of its own"
+
+
+class BenchmarkSpec(AnyBenchmark):
+    """Hold a benchmark whose actuator tracks displacement."""
+
     ground_motion: str = Field(description="ground motion, a name or a path")
     ground_motion_factor: Annotated[float, Range(gt=0, le=100)] = Field(description="factor of the record")
     sample_rate_hz: Annotated[float, Range(ge=100, le=20_000)] = Field(description="rate of the loop")
@@ -114,18 +133,27 @@ class BenchmarkSpec(Strict):
     change: PlantChange | None = Field(
         default=None, description="what changes during the test; figures are those from a second after it"
     )
-    plants: Annotated[int, Range(ge=1, le=MOST_PLANTS)] = Field(default=20, description="how many, the nominal one too")
-    compensators: tuple[BenchmarkCompensator, ...] = Field(min_length=1, description="those of the table")
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
         rows = listed(data, "stiffness_n_per_m") or ()
         if any(count({"row": row}, "row") not in (None, len(rows)) for row in rows):
             yield ("stiffness_n_per_m",), f"must be a square matrix, {len(rows)} rows of as many numbers"
-        for key in ("cases", "compensators"):
-            names = [_name(one) for one in listed(data, key) or ()]
-            if repeated := sorted({name for name in names if names.count(name) > 1}):
-                yield (key,), f"has {', '.join(repeated)} more than once; give each a name of its own"
+        yield from super().problems(data)
+
+
+class TableCase(Strict):
+    """Hold a case of a virtual table: a case file, with settings."""
+
+    name: str = Field(description="how it is named in tables and by --case")
+    case: str = Field(description="a case, a name or a path; its controller is replaced by each compensator")
+    settings: tuple[str, ...] = Field(default=(), description="KEY=VALUE, as --set takes them")
+
+
+class TableBenchmarkSpec(AnyBenchmark):
+    """Hold a benchmark of cases on virtual tables; plant i is played with the seed i, of its laboratory and noise."""
+
+    cases: tuple[TableCase, ...] = Field(min_length=1, description="cases of the table")
 
 
 def _name(one: Any) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from rths_cli.case.benchmark_schema import BenchmarkSpec
+from rths_cli.case.benchmark_schema import BenchmarkSpec, TableBenchmarkSpec
 from rths_cli.case.case_schema import CaseKeys, ReferenceSpec, StructureSpec
 from rths_cli.case.compensator_schema import built_in_compensators
 from rths_cli.case.rig_schema import KINDS, AnyRig, PluginRigSpec, RigSpec, VirtualActuatorSpec, VirtualRigSpec
@@ -20,7 +20,7 @@ MODELS: dict[str, Any] = {
     "rig": AnyRig,
     "reference": ReferenceSpec,
     "study": StudyKeys,
-    "benchmark": BenchmarkSpec,
+    "benchmark": BenchmarkSpec | TableBenchmarkSpec,
 }
 EXTENDS = {"type": "object", "required": ["extends"]}
 EXTENDS_CASE = "the case, a name or a path, whose keys hold where this one states none; it lends no name"

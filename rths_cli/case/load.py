@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 from yaml import YAMLError
 
-from rths_cli.case.benchmark_schema import BenchmarkSpec
+from rths_cli.case.benchmark_schema import BenchmarkSpec, TableBenchmarkSpec
 from rths_cli.case.case_schema import Case, CaseKeys
 from rths_cli.case.json_schema import schema
 from rths_cli.case.named_files import find, is_bare, is_record, kind_of, kind_of_tree, known, no_case, written_by_rths
@@ -282,9 +282,14 @@ def load_reference(path: Path) -> ReferenceSpec:
     return _load_file(path, "references", ReferenceSpec.model_validate)
 
 
-def load_benchmark(path: Path) -> BenchmarkSpec:
+def load_benchmark(path: Path) -> BenchmarkSpec | TableBenchmarkSpec:
     """Return the benchmark of a file; raises InputError with all its faults."""
-    return _load_file(path, "benchmarks", BenchmarkSpec.model_validate)
+    return _load_file(path, "benchmarks", _benchmark)
+
+
+def _benchmark(data: Any) -> BenchmarkSpec | TableBenchmarkSpec:
+    of_table = isinstance(data, Mapping) and data.get("loop") == "table"
+    return TableBenchmarkSpec.model_validate(data) if of_table else BenchmarkSpec.model_validate(data)
 
 
 def _load_file(path: Path, kind: str, check: Callable[[Any], Read]) -> Read:

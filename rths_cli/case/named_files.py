@@ -31,7 +31,7 @@ TELLING = {
         "calibration",
     ),
     "references": ("title", "source", "entries"),
-    "benchmarks": ("heading", "loop", "scatter", "compensators"),
+    "benchmarks": ("heading", "published_in", "loop", "compensators"),
     "calibrations": ("rig", "made_utc", "masses"),
     "studies": ("case", "axes", "samples", "correlations", "constraints"),
 }

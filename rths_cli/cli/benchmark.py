@@ -83,7 +83,7 @@ def benchmark(
 
         return show_list("benchmarks", as_json)
     screen = new_screen(quiet)
-    from rths_cli.benchmark.campaign import BenchmarkRequest, benchmark_of, run_benchmark
+    from rths_cli.benchmark.campaign import BenchmarkRequest, actuator_benchmark, run_benchmark
     from rths_cli.report.benchmark_page import (
         as_json as as_document,
     )
@@ -104,7 +104,7 @@ def benchmark(
     )  # fmt: skip
     with screen.reading("starting"):
         if critical_delays:
-            bench = benchmark_of(request)
+            bench = actuator_benchmark(request, "--critical-delays")
             screen.clear()
             if as_json:
                 click.echo(json.dumps({"benchmark": name, "critical_delays_ms": delays(bench)}, indent=2))
@@ -116,7 +116,7 @@ def benchmark(
             from rths_cli.benchmark.responses import followed
             from rths_cli.report.compensator_figure import write_responses
 
-            drawn = followed(benchmark_of(request))
+            drawn = followed(actuator_benchmark(request, "--responses"))
             write_responses(drawn, responses)
             screen.clear()
             click.echo(f"{responses}: {len(drawn)} compensators")

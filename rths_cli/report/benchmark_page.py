@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rths_cli.benchmark.campaign import Benchmarked, BenchmarkRow
-from rths_cli.benchmark.displacement import ROW, SETTLED_S, DisplacementBenchmark, critical_delay_s
+from rths_cli.analysis.grade import GOOD, POOR, USABLE, GradeLimits
+from rths_cli.benchmark.campaign import AnyBenchmark, Benchmarked, BenchmarkRow
+from rths_cli.benchmark.displacement import SETTLED_S, DisplacementBenchmark, critical_delay_s
 from rths_cli.benchmark.ranking import Standing, contradicted, half_interval, has_failed, standings
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import written_whole
@@ -40,6 +42,24 @@ ORDER = (
     "difference from the first of that rank on the same plants and noise (95 %). Compensators with an unstable run "
     "come last.",
 )
+TABLE_COLUMNS = (
+    ("error", "%", "error_percent", 2),
+    ("peak", "%", "peak_percent", 2),
+    ("tracking", "%", "tracking_percent", 2),
+    ("as measured", "%", "sim_percent", 2),
+)
+TABLE_LEGEND = (
+    "Of the worst storey, in the test band. error, peak: true motion against SIM with the specimen as it is, RMS and "
+    "peak of the difference in % of those of SIM. tracking: the table's true error, in % of the desired motion. as "
+    "measured: what the laboratory sees, against SIM as declared. grade: by the error of the worst plant.",
+)
+TABLE_ORDER = (
+    "error: mean over cases and plants, with its 95 % interval over the plants. Equal ranks: no significant difference "
+    "from the first of that rank on the same laboratories and noise (95 %). Compensators of which a run is refused or "
+    "stopped come last.",
+)
+NUMBER = re.compile(r"-?\d[\d.]*(?:e[-+]?\d+)?")
+MOST_NAMED = 4  # runs that share a reason, the rest counted
 FORMATS = (".tex", ".md", ".html", ".txt")
 
 
@@ -48,12 +68,18 @@ def document(made: Benchmarked) -> Document:
     order = standings(made)
     return [
         [verdict_line(verdict(made, order)), *notes(made)],
-        [_ranking(order), *map(Line, adapting(made))],
+        [_ranking(made, order), *map(Line, adapting(made))],
         *([_case_table(made, case.name, order)] for case in made.bench.spec.cases),
-        [Line(one) for one in LEGEND],
-        [_delays(made.bench)],
+        *_behind(made.bench),
         [Line(f"rows in {made.path}")],
     ]
+
+
+def _behind(bench: AnyBenchmark) -> Document:
+    """Return what stands behind the tables of the cases."""
+    if isinstance(bench, DisplacementBenchmark):
+        return [[Line(one) for one in LEGEND], [_delays(bench)]]
+    return [[Line(one) for one in TABLE_LEGEND]]
 
 
 def page(made: Benchmarked) -> str:
@@ -66,7 +92,7 @@ def verdict(made: Benchmarked, order: Sequence[Standing]) -> str:
     best = [one for one in order if one.rank == 1]
     first = best[0]
     if first.failed:
-        return "none: of every compensator a run is unstable"
+        return f"none: of every compensator a run is {_failing(made)}"
     beside = "" if len(best) == 1 else f" (no significant difference: {', '.join(one.compensator for one in best[1:])})"
     return (
         f"{first.compensator}: best of {len(order)}, error {_percent(first.error_percent, first.half_percent)} over "
@@ -76,16 +102,21 @@ def verdict(made: Benchmarked, order: Sequence[Standing]) -> str:
 
 def notes(made: Benchmarked) -> list[Block]:
     """Return what must be known beside the table: record, noise, plants, and what is unusual in any run."""
-    spec, seed = made.bench.spec, int(made.plan["seed"])
-    negative = sum(made.bench.plant(i, seed).oil_column_rad_s < 0.0 for i in range(spec.plants))
+    bench, seed = made.bench, int(made.plan["seed"])
+    if not isinstance(bench, DisplacementBenchmark):
+        changed = f"; {', '.join(bench.settings)}" if bench.settings else ""
+        told = [f"{bench.spec.heading}; seeds {seed} to {seed + bench.spec.plants - 1}{changed}"]
+        return [Line(one) for one in (*told, *_outcomes(made))]
+    spec = bench.spec
+    negative = sum(bench.plant(i, seed).oil_column_rad_s < 0.0 for i in range(spec.plants))
     clipped = sum(row.figures["peak_force_n"] >= spec.actuator.force_limit_n - 50.0 for row in made.rows)
-    noise = "sensors without noise" if made.bench.noise_free else "one draw for both sensors"
+    noise = "sensors without noise" if bench.noise_free else "one draw for both sensors"
     told = [
         f"{spec.heading}; {spec.ground_motion_factor:g} x {spec.ground_motion}, seed {seed}, {noise}, force clipped at "
         f"{spec.actuator.force_limit_n:g} N"
     ]
-    if made.bench.change is not None:
-        stated = made.bench.change.model_dump(exclude_defaults=True).items()
+    if bench.change is not None:
+        stated = bench.change.model_dump(exclude_defaults=True).items()
         changed = ", ".join(f"{key} {value:g}" for key, value in stated)
         told.append(f"the plant changes ({changed}); every figure is that from {SETTLED_S:g} s after it")
     if negative:
@@ -95,6 +126,31 @@ def notes(made: Benchmarked) -> list[Block]:
     if wrong := contradicted(made.rows, made.adapting):
         told.append(f"{len(wrong)} runs diverged although their linear loop is stable: see the rows")
     return [Line(one) for one in told]
+
+
+def _outcomes(made: Benchmarked) -> Iterator[str]:
+    """Yield a sentence on what was refused or stopped, one for all compensators and runs that share the reason but for
+    its numbers, which are those of the first."""
+    same: dict[str, tuple[str, dict[str, list[str]]]] = {}
+    for row in made.rows:
+        if row.outcome:
+            reason = row.outcome.replace(f"controller: {row.compensator} ", "the law ")
+            _, of = same.setdefault(NUMBER.sub("", reason), (reason, {}))
+            of.setdefault(row.compensator, []).append(f"{row.case} {row.plant}")
+    for reason, of in same.values():
+        yield f"{', '.join(_where(made, *one) for one in of.items())}: {reason}"
+
+
+def _where(made: Benchmarked, compensator: str, runs: Sequence[str]) -> str:
+    """Return a compensator, and where not all of its runs are meant, which ones."""
+    if len(runs) == len(made.bench.spec.cases) * made.bench.spec.plants:
+        return compensator
+    listed = ", ".join(runs[:MOST_NAMED]) + (", ..." if len(runs) > MOST_NAMED else "")
+    return f"{compensator} ({_counted(len(runs), 'run')}, case and plant {listed})"
+
+
+def _failing(made: Benchmarked) -> str:
+    return "unstable" if isinstance(made.bench, DisplacementBenchmark) else "refused or stopped"
 
 
 def adapting(made: Benchmarked) -> list[str]:
@@ -108,28 +164,41 @@ def adapting(made: Benchmarked) -> list[str]:
     return told
 
 
-def _ranking(order: Sequence[Standing]) -> Table:
+def _ranking(made: Benchmarked, order: Sequence[Standing]) -> Table:
+    of_actuator = isinstance(made.bench, DisplacementBenchmark)
     columns = [
-        (Column("rank"), [str(one.rank) for one in order]),
+        (Column("rank"), ["-" if math.isnan(one.error_percent) else str(one.rank) for one in order]),
         (Column("error", unit="%"), [_number(one.error_percent) for one in order]),
         (Column("+-95 %", unit="%"), [_number(one.half_percent) for one in order]),
         (Column("worst", unit="%"), [_number(one.worst_percent) for one in order]),
-        (Column("true J2", unit="%"), [_number(one.tracking_percent) for one in order]),
-        (Column("unstable"), [f"{one.failed} of {one.runs}" for one in order]),
+        (Column("true J2" if of_actuator else "tracking", unit="%"), [_number(one.tracking_percent) for one in order]),
+        (Column(_failing(made)), [f"{one.failed} of {one.runs}" for one in order]),
         (Column("linear loop", words=True), [one.verdict for one in order]),
     ]
     table = by_columns("compensator", [one.compensator for one in order], columns)
-    return Table(table.columns, table.rows, "Order, by the error", "compensator", ORDER)
+    return Table(table.columns, table.rows, "Order, by the error", "compensator", ORDER if of_actuator else TABLE_ORDER)
 
 
 def _case_table(made: Benchmarked, case: str, order: Sequence[Standing]) -> Table:
-    rows = []
+    of_actuator = isinstance(made.bench, DisplacementBenchmark)
+    shown, rows = COLUMNS if of_actuator else TABLE_COLUMNS, []
     for one in order:
         found = [row for row in made.rows if row.case == case and row.compensator == one.compensator]
-        means = {name: float(np.mean([row.figures[name] for row in found])) for name in ROW}
-        rows.append(Row(one.compensator, tuple(_number(means[name], digits) for _, _, name, digits in COLUMNS)))
-    columns = tuple(Column(name, unit=unit) for name, unit, _, _ in COLUMNS)
-    return Table(columns, tuple(rows), f"Case {case}, means over the plants", "compensator")
+        means = {name: float(np.mean([row.figures[name] for row in found])) for name in made.bench.figures}
+        cells = [_number(means[name], digits) for _, _, name, digits in shown]
+        rows.append(Row(one.compensator, (*cells, *(() if of_actuator else (_graded(found),)))))
+    columns = [Column(name, unit=unit) for name, unit, _, _ in shown]
+    columns += [] if of_actuator else [Column("grade", words=True)]
+    return Table(tuple(columns), tuple(rows), f"Case {case}, means over the plants", "compensator")
+
+
+def _graded(rows: Sequence[BenchmarkRow]) -> str:
+    """Return the grade of the worst run by its true error, or how many were refused and stopped."""
+    if any(row.outcome for row in rows):
+        words = [row.outcome.partition(":")[0] for row in rows if row.outcome]
+        return ", ".join(f"{words.count(word)} {word}" for word in dict.fromkeys(words))
+    worst, limits = max(row.figures["error_percent"] for row in rows), GradeLimits()
+    return GOOD if worst <= limits.good_percent else USABLE if worst <= limits.usable_percent else POOR
 
 
 def delays_page(bench: DisplacementBenchmark) -> str:
@@ -164,9 +233,7 @@ def as_json(made: Benchmarked) -> dict[str, Any]:
         "benchmark": made.bench.spec.name,
         "verdict": verdict(made, order),
         "seed": made.plan["seed"],
-        "noise_free": made.bench.noise_free,
-        "record": made.bench.spec.ground_motion,
-        "scaling": made.bench.spec.ground_motion_factor,
+        **_stated(made.bench),
         "plants": made.bench.spec.plants,
         "critical_delays_ms": {name: json_value(1e3 * one) for name, one in made.critical_delays_s.items()},
         "ranking": [
@@ -176,8 +243,8 @@ def as_json(made: Benchmarked) -> dict[str, Any]:
                 "error_percent": json_value(one.error_percent),
                 "error_half_interval_percent": json_value(one.half_percent),
                 "worst_error_percent": json_value(one.worst_percent),
-                "true_j2_percent": json_value(one.tracking_percent),
-                "unstable": one.failed,
+                made.bench.tracked: json_value(one.tracking_percent),
+                _failing(made).replace(" ", "_"): one.failed,
                 "runs": one.runs,
                 "linear_loop": one.verdict,
             }
@@ -190,22 +257,31 @@ def as_json(made: Benchmarked) -> dict[str, Any]:
     }
 
 
+def _stated(bench: AnyBenchmark) -> dict[str, Any]:
+    """Return what a benchmark plays."""
+    if not isinstance(bench, DisplacementBenchmark):
+        return {"settings": list(bench.settings)}
+    spec = bench.spec
+    return {"noise_free": bench.noise_free, "record": spec.ground_motion, "scaling": spec.ground_motion_factor}
+
+
 def _means(made: Benchmarked, case: str, order: Sequence[Standing]) -> Iterator[dict[str, Any]]:
     for one in order:
         found = [row for row in made.rows if row.case == case and row.compensator == one.compensator]
-        values = {name: np.array([row.figures[name] for row in found]) for name in ROW}
+        values = {name: np.array([row.figures[name] for row in found]) for name in made.bench.figures}
         half = half_interval(values["error_percent"])
         yield {
             "compensator": one.compensator,
             **{name: json_value(np.mean(each)) for name, each in values.items()},
             "error_half_interval_percent": json_value(half),
-            "unstable": sum(map(has_failed, found)),
+            _failing(made).replace(" ", "_"): sum(map(has_failed, found)),
         }
 
 
 def _row(row: BenchmarkRow) -> dict[str, Any]:
     figures = {name: json_value(value) for name, value in row.figures.items()}
-    return {"case": row.case, "compensator": row.compensator, "plant": row.plant, **figures}
+    told = {"case": row.case, "compensator": row.compensator, "plant": row.plant, **figures}
+    return told | ({"outcome": row.outcome} if row.outcome else {})
 
 
 def check_table(path: Path) -> None:

@@ -34,6 +34,7 @@ def command(p, state, next_state, desired, measured, sent):
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("benchmark")
     shortened(shipped("records") / "el_centro.csv", folder / "short.csv", 200)
+    shortened(shipped("records") / "el_centro.csv", folder / "longer.csv", 500)
     return folder
 
 
@@ -103,7 +104,7 @@ def test_the_critical_delays_are_those_that_the_table_names(place: Path) -> None
         {"1": 14.640, "2": 12.223, "3": 9.919, "4": 8.725}, abs=0.001
     )
     assert "8.725     8.359" in " ".join(told(place, "silva2020", "--critical-delays").split()).replace(" ", "     ")
-    assert told(place, "list").startswith("silva2020")
+    assert told(place, "list").split()[0] == "aps400" and "silva2020" in told(place, "list")
 
 
 @pytest.mark.parametrize(
@@ -119,6 +120,57 @@ def test_the_critical_delays_are_those_that_the_table_names(place: Path) -> None
     ],
 )
 def test_what_cannot_be_played_is_refused_in_a_sentence(place: Path, words: tuple[str, ...], sentence: str) -> None:
+    assert sentence in told(place, *words, code=2)
+
+
+TABLE = ("aps400", "--case", "ideal_el_centro", "--record", "longer.csv")
+
+
+@pytest.mark.campaign
+def test_a_law_that_needs_a_displacement_is_a_row_with_its_reason(place: Path) -> None:
+    words = (*TABLE, "--compensator", "ats", "--compensator", "smith", "--plants", "2", "--output", "refused.jsonl")
+    printed = " ".join(told(place, *words).split())
+    assert "none: of every compensator a run is refused or stopped" in printed
+    assert "ats, smith: refused: the law uses the measured displacement of an actuator" in printed
+    _, *rows = (place / "refused.jsonl").read_text().splitlines()
+    assert [json.loads(one)["outcome"].startswith("refused: controller: ") for one in rows] == [True] * 4
+
+
+@pytest.mark.campaign
+def test_a_table_gives_what_rths_run_gives_and_the_same_bytes(place: Path) -> None:
+    """Errors of the ideal table are those of its result file, whose specimen is as declared; tracking as well."""
+    from rths_cli.files.result_reader import read_result
+
+    plan = (*TABLE, "--compensator", "FF", "--compensator", "predictive", "--plants", "2", "--seed", "3", "--quiet")
+    assert "FF: best of 2" in told(place, *plan, "--jobs", "1", "--output", "one.jsonl")
+    told(place, *plan, "--jobs", "2", "--output", "two.jsonl")
+    one = (place / "one.jsonl").read_bytes()
+    assert one == (place / "two.jsonl").read_bytes() and one.count(b"\n") == 5
+    (place / "two.jsonl").write_bytes(one[: one.rindex(b"\n", 0, -1) - 40])
+    told(place, *plan, "--resume", "--output", "two.jsonl")
+    assert (place / "two.jsonl").read_bytes() == one
+    with chdir(place):
+        code, printed = run_words(["run", "el_centro_low_ff_fb", "--set", "record=longer.csv", "--set", "seed=4",
+                                   "--set", "controller=FF", "--quiet"])  # fmt: skip
+    assert code == 0, printed
+    found = read_result(place / "results" / "el_centro_low_ff_fb.h5").metrics
+    ff = json.loads(one.splitlines()[3])
+    assert (ff["compensator"], ff["plant"]) == ("FF", 1)
+    assert ff["error_percent"] == pytest.approx(max(found["exp_rths.nrmse_percent_true"]), rel=1e-9)
+    assert ff["peak_percent"] == pytest.approx(max(found["exp_rths.peak_error_percent_true"]), rel=1e-9)
+    assert ff["sim_percent"] == pytest.approx(max(found["exp_rths.nrmse_percent"]), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("aps400", "--noise-free"), "--noise-free: aps400 is a benchmark of tables, which has no such option"),
+        (("aps400", "--change", "at_s=10"), "state table.after_identification in the settings of its file"),
+        (("aps400", "--critical-delays"), "--critical-delays: aps400 is a benchmark of tables, this is of actuators"),
+        (("aps400", "--record", "nowhere.csv", "--compensator", "FF"), "case ideal_el_centro: "),
+    ],
+)
+def test_what_a_benchmark_of_tables_has_not_is_refused(place: Path, words: tuple[str, ...], sentence: str) -> None:
     assert sentence in told(place, *words, code=2)
 
 

@@ -8,6 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.control.displacement_interface import FELT
+from rths_cli.control.interface import LAW_FORCE
+from rths_cli.control.program_storeys import EXTRAPOLATED, LATE, SLOWED
+from rths_cli.files.result_reader import read_dataset
 from rths_cli.numerics.lti import Array
 from rths_cli.report.figures.figure_data import (
     ACCEL,
@@ -54,6 +58,9 @@ MEASURES = {  # name, metric, factor, units
     ),
     "displacement": (("PGD", "pgd_m", MM_PER_M, "mm"), ("mean period", "mean_period_s", 1.0, "s")),
 }  # fmt: skip
+NAMES = "part_value_names"
+OF_STOREYS = (FELT.name, EXTRAPOLATED, LATE, SLOWED)
+MOVED = Look("change from the start", RUNS["exp_rths"].color)
 FILTERED_OUT = Look("measured − filtered", VERMILLION, "solid", 0.8)
 
 
@@ -133,6 +140,33 @@ def ground_motion(source: Source, width: str) -> Figure:
         rows.append((whole, Panel(CLOSE, "", lines, close_look(source, time, motions[-1][1]))))
     treated = str(source.result.attributes.get("record_treatment") or "")
     return draw_rows(source, rows, width, about=treated)
+
+
+def part_values(source: Source, width: str) -> Figure:
+    """Draw what parts of the step log of their own in EXP-RTHS, such as the parameters of a law that adapts, as changes
+    from the start; forces of computed storeys and what is told of a program are left out."""
+    names = own_values(source)
+    if not names:
+        raise NotDrawn("no part of the step logs values of its own, as a law that adapts does")
+    time, values, rows = source.read("exp_rths/time_s"), source.read("exp_rths/part_values"), []
+    for place, (name, units) in names.items():
+        moved = values[place] - values[place, 0]
+        line = (Line(MOVED, time, moved),)
+        label, start = name if units in ("", "1") else f"{name} ({units})", three(values[place, 0])
+        reach = largest(moved) or None
+        close = close_look(source, time, moved)
+        rows.append((Panel(name, label, line, note=f"start {start}", reach=reach), Panel(CLOSE, "", line, close)))
+    return draw_rows(source, rows, width)
+
+
+def own_values(source: Source) -> dict[int, tuple[str, str]]:
+    """Return name and units of what parts of the step log of their own, by its row in `part_values`."""
+    if not source.holds(f"exp_rths/{NAMES}") or not source.holds("exp_rths/part_values"):
+        return {}
+    lines = str(read_dataset(source.result.path, f"exp_rths/{NAMES}").data).splitlines()
+    told = {place: line[:-1].rpartition(" (") for place, line in enumerate(lines)}
+    return {place: (name, units) for place, (name, _, units) in told.items()
+            if name not in OF_STOREYS and not name.startswith(LAW_FORCE)}  # fmt: skip
 
 
 def _measures_note(source: Source, title: str, most: int) -> str:

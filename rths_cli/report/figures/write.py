@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 Tell = Callable[[str], None]
 CASE_HEADER = "case"
 HEADERS = (CASE_HEADER, "none")
-SWEEP = "sweep"
+SWEEP, PART_VALUES = "sweep", "part_values"
 LONG_VERTEX = re.compile(rb"^L (-?\d+\.\d+) (-?\d+\.\d+) $", re.MULTILINE)
 FIGURES: dict[str, Callable[[Source, str], Figure]] = {
     "table_response": frequency.table_response,
@@ -56,6 +56,7 @@ FIGURES: dict[str, Callable[[Source, str], Figure]] = {
     "limits": limits,
     "timing": timing,
     "ground_motion": histories.ground_motion,
+    PART_VALUES: histories.part_values,
 }
 
 
@@ -107,6 +108,7 @@ def write_figures(
         for stem, (shown, stored) in zip(stems, pairs, strict=True)
         for name in FIGURES
         for source in (stored if name in IN_MODEL_SCALE else shown,)
+        if name != PART_VALUES or histories.own_values(source)  # most results have none, which is no news
     )
     named = (f"{stem}-{name}" for stem in stems for name in FIGURES)
     return _write(planned, named, folder, form, width, tell, replace)

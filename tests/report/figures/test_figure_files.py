@@ -21,7 +21,9 @@ from rths_cli.findings import Finding, as_json, stated
 from rths_cli.report.figures import NotDrawn, draw, figure_names, write, write_figures
 
 HERE = Path(__file__).parent
-VIRTUAL = [name for name in figure_names() if name != "timing"]  # what a run on a virtual table has
+VIRTUAL = [
+    name for name in figure_names() if name not in ("timing", "part_values")
+]  # what a run on a virtual table has
 OF_SIM = ["responses", "profiles", "hysteresis", "ground_motion"]
 AGAIN = """
 import sys
@@ -127,8 +129,28 @@ def test_a_figure_without_header_holds_no_word_on_case_and_table(made_up, name):
 @pytest.mark.campaign
 def test_a_measured_table_is_not_called_virtual(tmp_path):
     result = read_result(write_result(tmp_path / "real.h5", kind="udp", n=600))
-    for name in figure_names():
+    for name in [*VIRTUAL, "timing"]:
         assert not any("virtual" in text for text in texts(draw(name, result)))
+
+
+def test_parameters_of_a_law_that_adapts_are_drawn_as_changes_from_their_start(tmp_path):
+    path = write_result(tmp_path / "adapts.h5", n=600)
+    with pytest.raises(NotDrawn, match="no part of the step logs values of its own"):
+        draw("part_values", read_result(path))
+    values = np.vstack([np.linspace(1.0, 1.1, 600), np.full(600, 7.0)])
+    with h5py.File(path, "r+") as file:
+        run = file["exp_rths"]
+        logged = run.create_dataset("part_values", data=values)
+        logged.attrs.update({"units": "as their names", "long_name": "what parts log", "source": "computed"})
+        logged.dims[1].attach_scale(run["time_s"])
+        names = run.create_dataset("part_value_names", data="b_0 ()\nlaw_force_1_n (N)")
+        names.attrs.update({"units": "1", "long_name": "names", "source": "computed"})
+    figure = draw("part_values", read_result(path), "two")
+    whole, _ = figure.axes
+    assert "b_0" in whole.get_title() + whole.get_title(loc="left") and "start 1" in whole.get_title(loc="right")
+    assert whole.lines[0].get_ydata()[[0, -1]] == pytest.approx([0.0, 0.1])
+    assert not any("law_force" in text for text in texts(figure))
+    assert f"{path.stem}-part_values.svg" in [one.name for one in write_figures([read_result(path)], tmp_path, "svg")]
 
 
 @pytest.mark.campaign
@@ -149,7 +171,7 @@ def test_what_a_result_does_not_hold_is_left_out_with_a_reason(short, tmp_path, 
     paths = write_figures([result], tmp_path / "out", "svg", "one", told.append)
     assert [path.name for path in paths] == [f"sim-{name}.svg" for name in OF_SIM]
     assert f"{result.path}: figure timing is left out: no shake_table and no exp_rths in the result" in told
-    assert len(told) == len(figure_names()) - len(OF_SIM)
+    assert len(told) == len(VIRTUAL) + 1 - len(OF_SIM)
     with caplog.at_level(logging.WARNING):
         write_figures([result], tmp_path / "out", "svg")
     *again, replaced = [record.getMessage() for record in caplog.records]

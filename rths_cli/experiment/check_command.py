@@ -81,7 +81,7 @@ from rths_cli.experiment.run_metrics import lowest_reliable_hz, of_margins
 from rths_cli.experiment.session import wants_session_record
 from rths_cli.experiment.setup import make_setups, place_of, refuse_unstable_steps, shown
 from rths_cli.experiment.unit_plausibility import before_error, keys_in_doubt, unit_doubts
-from rths_cli.findings import Finding, sentences, stated, without_repeats
+from rths_cli.findings import Finding, input_first, sentences, stated, without_repeats
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 from rths_cli.numerics.shared_values import SharedValues
@@ -742,7 +742,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     )
     told = () if "model" in setup.overrides else known.found.verdict.refusals
     notes = without_repeats(of_case(setup, known.found, found.design), told)
-    notes = (*filter(None, (found.bound, found.remedy)), *_step_times(setup), *notes)
+    notes = tuple(input_first((*filter(None, (found.bound, found.remedy)), *_step_times(setup), *notes)))
     runs = [("EXP-RTHS", found.verdict)] if hybrid else []
     excited = excitations(setup, known)
     reasons = (*found.findings, *(fault.at("at.run", run=label) for label, faults in excited for fault in faults))

@@ -355,12 +355,11 @@ def start_fault(
         count = f"{first} zeros" if first > 1 else "zero"
         zeros = f"; first remove the {count} before it from the file" if first else ""
         return f"{said}; {told}{zeros}"
-    following = accel[first + 1 : first + 3]
-    expected = 2.0 * following[0] - following[1] if following.size == 2 else 0.0
-    if abs(accel[first] - expected) > 0.5 * abs(accel[first]):
+    bends = np.abs(np.diff(accel[first : first + 30], 2))  # of a motion alike, of wrong first samples larger
+    if bends[:3].max(initial=0.0) > 3.0 * bends[4:].max(initial=0.0):
         return (
             f"record: {told}; sample {first + 1} of the record reads {accel[first]:.3g} m/s^2 and the next one "
-            f"{following[0]:.3g}: correct the first samples in the file, {keep}"
+            f"{accel[min(first + 1, accel.size - 1)] + 0.0:.3g}: correct the first samples in the file, {keep}"
         )
     return (
         f"record: {told}; the record begins at {accel[first]:.3g} m/s^2, within a motion: give it from its beginning, "

@@ -6,11 +6,13 @@ findings and sentences as everybody else.
 
 from rths_cli.findings.catalogue import ADVICE, SENTENCES, WORDS
 from rths_cli.findings.finding import (
+    OF_INPUT,
     Finding,
     as_data,
     as_json,
     from_data,
     from_json,
+    input_first,
     sentences,
     stated,
     without_repeats,
@@ -18,6 +20,7 @@ from rths_cli.findings.finding import (
 
 __all__ = [
     "ADVICE",
+    "OF_INPUT",
     "SENTENCES",
     "WORDS",
     "Finding",
@@ -25,6 +28,7 @@ __all__ = [
     "as_json",
     "from_data",
     "from_json",
+    "input_first",
     "sentences",
     "stated",
     "without_repeats",

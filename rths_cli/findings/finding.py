@@ -11,6 +11,8 @@ from typing import Any
 from rths_cli.findings.catalogue import ADVICE, SENTENCES, WORDS
 from rths_cli.findings.wording import worded
 
+OF_INPUT = ("units.", "record.")  # beginnings of codes
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -76,6 +78,11 @@ def without_repeats(findings: Iterable[Finding], said: Iterable[Finding] = ()) -
         told.setdefault(str(one), one)
     before = set(sentences(said))
     return tuple(one for text, one in told.items() if text not in before)
+
+
+def input_first(findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings with doubts of units and record first: they are often the cause of what the others tell."""
+    return sorted(findings, key=lambda one: not one.code.startswith(OF_INPUT))
 
 
 def as_data(found: Finding) -> dict[str, Any]:

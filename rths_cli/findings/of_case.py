@@ -39,12 +39,12 @@ CASE = {
         "shear, which costs a fifth of SIM-DELAY's error on the default rig; the check does not count it; use removed"
     ),
     "record.baseline": warns(
-        "record: {record} has [{shape!w}|a baseline that steps by {step_m_s2:.3g} m/s^2 at {step_s:.4g} s] (first "
-        "sample {first_m_s2:g} m/s^2, mean {mean_m_s2:g}, drift {drift_m_s2:g} over {duration_s:.4g} s); [the high "
+        "record: {record} has [{shape!w}|a baseline that steps by {step_m_s2:.3g} m/s^2 at {step_s:.4g} s]; [state "
+        "baseline: {mended_by} to remove it (record: {{file: {file}, baseline: {mended_by}}}), none to keep it|no "
+        "straight line mends that: correct the file piece by piece, or state record.baseline: none to keep it]; first "
+        "sample {first_m_s2:g} m/s^2, mean {mean_m_s2:g}, drift {drift_m_s2:g} over {duration_s:.4g} s; [the high "
         "pass of {corner_hz:g} Hz turns|without a high pass integration turns] it into {added_m:.3g (mm)} mm of "
-        "ground displacement, beside {own_m:.3g (mm)} mm of its motion; [state record: {{file: {file}, baseline: "
-        "{mended_by}}} to remove it, baseline: none to keep it|no straight line mends that: correct the file piece "
-        "by piece, or state record.baseline: none to keep it]"
+        "ground displacement, beside {own_m:.3g (mm)} mm of its motion"
     ),
     "record.spikes": warns(
         "record: {record} has {count} {count:?spike/spikes}, the largest {accel_m_s2:.3g} m/s^2 at {at_s:.4g} s: a "

@@ -24,6 +24,7 @@ from rths_cli.analysis.grade import (
 )
 from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.files.stored_case import stored_case
+from rths_cli.findings import OF_INPUT
 from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.report.case_metric_tables import CAUSES
 from rths_cli.report.document import Block, Column, Document, Line, Table, Verdict, by_columns, verdict_line
@@ -101,15 +102,15 @@ class Note(NamedTuple):
 
 def notes(results: Sequence[Result]) -> list[Note]:
     """Return the notes of results, each once, those that each case has first before those that it has second, doubts
-    of a unit before all; none that a verdict has said already."""
+    of units and record before all; none that a verdict has said already."""
     cases: dict[str, list[str]] = {}
     place: dict[str, int] = {}
     alike: dict[str, object] = {}
     for result in results:
         said = verdict(result)
         alike |= {str(found): found.alike for found in stored_findings(result) if found.code != "stated"}
-        doubts = [str(found) for found in stored_findings(result) if found.code == "units.doubt"]
         warned = str(result.attributes.get("warnings") or "").splitlines()
+        doubts = [str(found) for found in stored_findings(result) if found.code.startswith(OF_INPUT)]
         stored = dict.fromkeys([*(one for one in doubts if one in warned), *_peaks_off(result), *warned])
         for number, note in enumerate(note for note in stored if note not in said):
             cases.setdefault(note, []).append(result.path.stem)

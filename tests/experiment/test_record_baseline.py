@@ -91,7 +91,11 @@ def test_the_stated_key_removes_the_offset(tmp_path: Path) -> None:
 def test_a_drift_is_told_and_its_key_mends_it(tmp_path: Path) -> None:
     drifting = motion() + 0.4 * TIME_S / LENGTH_S
     told = str(setup_of(tmp_path, drifting).baseline)
-    assert "own has a baseline that drifts (first sample 0 m/s^2" in told and "baseline: linear}" in told
+    assert (
+        "own has a baseline that drifts; state baseline: linear" in told
+        and "first sample 0 m/s^2" in told
+        and "baseline: linear}" in told
+    )
     lag_s = math.sqrt(2.0) / CORNER
     assert displacement_mm(told) == pytest.approx(1e3 * 0.4 * (1.0 - lag_s / LENGTH_S) / CORNER**2, rel=0.01)
     mended = setup_of(tmp_path, drifting, baseline="linear")
@@ -122,6 +126,8 @@ def test_a_zero_before_an_offset_is_no_rest(tmp_path: Path) -> None:
 
 def test_a_record_cut_within_its_motion_is_refused(tmp_path: Path) -> None:
     accel = np.where(TIME_S < 20.0, np.roll(motion(), -800), 0.0)
+    assert "the record begins at" in refusal_of(tmp_path, accel)
+    accel += 0.6 * np.sin(2 * np.pi * 20.0 * TIME_S + 0.9) * (TIME_S < 12.0)  # a few samples a period
     assert "the record begins at" in refusal_of(tmp_path, accel)
 
 

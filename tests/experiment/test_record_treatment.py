@@ -28,8 +28,8 @@ from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
 from rths_cli.numerics.lti import Array
 
 DEFECTS: dict[str, tuple[Array, str, str]] = {  # what is added, what is told of it, what mends it
-    "mean": (np.full(TIME_S.size, 0.3), "has an offset (first sample 0.3 m/s^2, mean 0.3", "mean"),
-    "drift": (0.4 * TIME_S / LENGTH_S, "that drifts (first sample 0 m/s^2, mean 0.1999, drift 0.3998 over", "linear"),
+    "mean": (np.full(TIME_S.size, 0.3), "first sample 0.3 m/s^2, mean 0.3", "mean"),
+    "drift": (0.4 * TIME_S / LENGTH_S, "first sample 0 m/s^2, mean 0.1999, drift 0.3998 over", "linear"),
     "start": (np.where(TIME_S < 1.5, 0.2, 0.0), "steps by -0.2 m/s^2 at 1.5 s", "step"),
     "end": (np.where(TIME_S > 21.495, -0.25, 0.0), "steps by -0.25 m/s^2 at 21.5 s", "step"),
 }  # fmt: skip

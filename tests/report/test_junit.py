@@ -28,6 +28,7 @@ def checked(text: str) -> ET.Element:
         assert [child.tag for child in suite if child.tag != "testcase"] == ["properties", "system-out", "system-err"]
         assert suite[0].tag == "properties" and suite[-2].tag == "system-out"
         assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d", suite.attrib["timestamp"])
+        assert suite.attrib["timestamp"] > "2020"  # also of what has no result
         cases = suite.findall("testcase")
         assert cases and all(set(case.attrib) == {"name", "classname", "time"} for case in cases)
         for found in (element for case in cases for element in case):

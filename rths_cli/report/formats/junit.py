@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
@@ -18,7 +19,6 @@ from rths_cli.report.results_by_case import judge, status
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
 NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 INSTANT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d")
-NEVER = "1970-01-01T00:00:00"
 PROPERTIES = ("method", "rig", "rig_kind", "seed", "rths_version", "git_commit", "status", "status_reason")
 
 
@@ -38,7 +38,7 @@ class Suite:
     """The tests of one run."""
 
     name: str
-    timestamp: str  # of the result, UTC
+    timestamp: str  # of the result; of what has none, now; UTC
     properties: tuple[tuple[str, str], ...]  # (name, value) of the result's attributes
     tests: tuple[Test, ...]
     seconds: float = 0.0  # that the run took; 0: not known
@@ -59,7 +59,7 @@ def junit(
     suites = [_suite(result, (seconds or {}).get(result.path, 0.0)) for result in results]
     suites += [_broken(one.path.stem, one.sentence) for one in unread]
     suites += [_broken(name, reason, "run is complete", took) for name, reason, took in failed]
-    suites += [Suite(f"baseline.{one.case}", NEVER, (), (_compared(one),)) for one in changes]
+    suites += [Suite(f"baseline.{one.case}", _now(), (), (_compared(one),)) for one in changes]
     root = Element("testsuites")
     for number, suite in enumerate(suites):
         _add(root, suite, number)
@@ -72,7 +72,7 @@ def _suite(result: Result, seconds: float) -> Suite:
     known = [(key, str(a[key])) for key in PROPERTIES if a.get(key) not in (None, "")]
     known.append(("verdict", verdict(result)))
     stamp = str(a.get("created_utc", "")).removesuffix("Z")
-    stamp = stamp if INSTANT.fullmatch(stamp) else NEVER
+    stamp = stamp if INSTANT.fullmatch(stamp) else _now()
     return Suite(_name(result), stamp, (("file", str(result.path)), *known), tuple(_tests(result)), seconds)
 
 
@@ -111,8 +111,12 @@ def _limit(one: Judged) -> str:
     return f"|{one.path}| <= {one.limit:g}"
 
 
+def _now() -> str:
+    return f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}"
+
+
 def _broken(name: str, sentence: str, test: str = "result can be read", seconds: float = 0.0) -> Suite:
-    return Suite(name, NEVER, (), (Test(test, "error", sentence),), seconds)
+    return Suite(name, _now(), (), (Test(test, "error", sentence),), seconds)
 
 
 def _add(root: Element, suite: Suite, number: int) -> None:

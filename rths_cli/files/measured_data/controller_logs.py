@@ -1,7 +1,8 @@
 """Logs of real-time controllers in MATLAB files: dSPACE ControlDesk, Simulink structures and arrays.
 
 Sources: ControlDesk's measurement export (a structure with X and Y, each an array with Name, Data, Unit, and XIndex of
-Y counted from 1); Simulink's formats "Structure with time", "Structure", "Array" and the To File block (time in row 1).
+Y counted from 1); Simulink's formats "Structure with time", "Structure", "Array" and the To File block (time in row 1);
+timeseries (Name, Time, Data, DataInfo.Units) and elements of a Dataset (Name, Values: timeseries) made structures.
 """
 
 from __future__ import annotations
@@ -70,15 +71,23 @@ def _with_times_beside(
 
 def _columns(path: Path, name: str, value: Value) -> Iterator[tuple[str, Column]]:
     """Yield the channels of a structure that is a log, and of those in it, with the log's name."""
+    if isinstance(value, tuple):
+        for place, entry in enumerate(value, 1):
+            yield from _columns(path, f"{name}/{place}", entry)
     if not isinstance(value, dict):
         return
+    if isinstance(value.get("Values"), dict):  # an element of a Dataset
+        named = next((one["Name"] for one in (value["Values"], value) if _text(one.get("Name"))), [name.split("/")[-1]])
+        value = {**value["Values"], "Name": named}
     if {"X", "Y"} <= value.keys():
         found = _control_desk(path, name, value)
     elif {"time", "signals"} <= value.keys():
         found = _simulink(path, name, value)
     elif _numbers(value.get("Time")) is not None and _numbers(value.get("Data")) is not None:
         label = _text(value.get("Name")) or name.rpartition("/")[2]
-        found = _signal(path, name, label, value["Data"], "", _time(value["Time"]))
+        about = value.get("DataInfo")
+        unit = _text(about.get("Units")) if isinstance(about, dict) else ""
+        found = _signal(path, name, label, value["Data"], unit, _time(value["Time"]))
     else:
         for key, part in value.items():
             yield from _columns(path, f"{name}/{key}", part)
@@ -131,17 +140,42 @@ def _signal(path: Path, log: str, label: str, raw: Value, unit: str, time: Colum
 
 
 def with_time_of_matrix(contents: Contents) -> Contents:
-    """Return contents whose first series is the time if it is the first of a matrix and rises evenly by less than 1 s,
-    as the To File block of Simulink writes it; a note says so. Return other contents as they are."""
-    first, *others = contents.columns
-    steps = np.diff(first.values)
+    """Return contents with the first series of a matrix as time of the others in it, if it rises evenly by less than
+    1 s, as the To File block of Simulink writes it; a note says so. Return other contents as they are.
+
+    The time of one matrix counts for all series if it is the first one; several matrices have each their own.
+    """
+    matrices: dict[str, list[Column]] = {}
+    for column in contents.columns:
+        matrices.setdefault(column.name.rpartition("(:,")[0], []).append(column)
+    steps = {name: _even_step(rows[0].values) for name, rows in matrices.items() if name and len(rows) > 1}
+    timed = [name for name, step in steps.items() if 0.0 < step < 1.0]
+    if not timed or (len(timed) == 1 and contents.columns[0] is not matrices[timed[0]][0]):
+        return contents
+    said = ", ".join(f"{name}(:,1)" for name in timed)
+    note = (
+        f"{said} rises evenly by {steps[timed[0]]:.6g}: taken as the time in s, as Simulink's To File block writes it"
+    )
+    if len(timed) == 1:
+        columns = (replace(contents.columns[0], name="time (s)"), *contents.columns[1:])
+    else:
+        columns = tuple(one for name, rows in matrices.items() for one in (_over_first(name, rows, name in timed)))
+    return replace(contents, columns=columns, notes=(*contents.notes, note))
+
+
+def _even_step(values: Array) -> float:
+    """Return the step of series (n,) that rises evenly, 0 of one that does not."""
+    steps = np.diff(values)
     usual = float(np.median(steps)) if steps.size else 0.0
-    if not (others and first.name.endswith("(:,1)") and 0.0 < usual < 1.0):
-        return contents
-    if not np.abs(steps - usual).max() <= _EVEN * usual:
-        return contents
-    note = f"{first.name} rises evenly by {usual:.6g}: taken as the time in s, as Simulink's To File block writes it"
-    return replace(contents, columns=(replace(first, name="time (s)"), *others), notes=(*contents.notes, note))
+    return usual if steps.size and np.abs(steps - usual).max() <= _EVEN * abs(usual) else 0.0
+
+
+def _over_first(name: str, rows: list[Column], timed: bool) -> list[Column]:
+    """Return the series of a matrix over its first one, which is their time; as they are where it is not."""
+    if not timed:
+        return rows
+    time = replace(rows[0], name="time (s)")
+    return [replace(row, name=name if len(rows) == 2 else row.name, time=time) for row in rows[1:]]
 
 
 def objects_sentence(path: Path, variables: Mapping[str, Value]) -> str:

@@ -30,6 +30,8 @@ READ = "CSV or text, MATLAB .mat, HDF5, TDMS, LabVIEW .lvm, universal file 58 or
 _TDMS_SCALES = (
     "Linear", "Polynomial", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract", "AdvancedAPI",
 )  # fmt: skip
+_SOURCE = re.compile(r"NI_Scale\[\d+\]_\w+_Input_Source")
+_RAW = 0xFFFFFFFF  # TDMS's number of the samples as they are stored
 _SCALE_TYPE = re.compile(r"NI_Scale\[\d+\]_Scale_Type")
 _LARGEST_UNPACKED = 1_000_000_000  # bytes
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -96,6 +98,10 @@ def _decode(path: Path, data: bytes) -> str:
     """Return a text; raise InputError for bytes that are none."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16", errors="replace")
+    for place, coding in ((1, "utf-16-le"), (0, "utf-16-be")):  # without its mark
+        upper = data[place:2000:2]
+        if len(data) % 2 == 0 and upper.count(0) > 0.9 * len(upper) and 0 not in data[1 - place : 2000 : 2]:
+            return data.decode(coding, errors="replace")
     if data.translate(None, bytes(range(32, 256)) + b"\t\n\r\f"):
         raise InputError(f"{path}: is a binary file of unknown kind; give {READ}")
     try:
@@ -156,6 +162,7 @@ def _tdms(path: Path, data: bytes) -> Contents:
     with _quiet("nptdms") as complaints:
         file = TdmsFile.read(io.BytesIO(data), raw_timestamps=True)
         _refuse_unknown_scalings(path, file)
+        _take_plain_samples_as_raw(file)
         channels = [(channel, np.asarray(channel[:])) for group in file.groups() for channel in group.channels()]
     names = [channel.name for channel, _ in channels]
     times = [getattr(channel.properties.get("wf_start_time"), "seconds", 0) for channel, _ in channels]
@@ -167,7 +174,7 @@ def _tdms(path: Path, data: bytes) -> Contents:
             ignored.append(name)
             continue
         stated = {**file.properties, **file[channel.group_name].properties, **channel.properties}
-        unit = str(stated.get("unit_string", ""))
+        unit = str(stated.get("unit_string", "") or stated.get("NI_UnitDescription", ""))
         factor = abscissa_factor(f"{path}: {name}", str(stated.get("wf_xunit_string", "")))
         column = Column(name, values.astype(np.float64), unit, _tdms_start(stated, epoch_s, factor))
         if "wf_increment" in stated:
@@ -215,6 +222,15 @@ def _refuse_unknown_scalings(path: Path, file: Any) -> None:
             break
     if faults:
         raise InputError(*faults)
+
+
+def _take_plain_samples_as_raw(file: Any) -> None:
+    """State the plain samples as source of scalings whose source is the DAQmx scaler 0: files that were written again
+    keep the properties of DAQmx, without its kind of samples, on which the library fails."""
+    for channel in (channel for group in file.groups() for channel in group.channels()):
+        stated = channel.properties
+        if channel.data_type.__name__ != "DaqMxRawData" and "NI_Scale[0]_Scale_Type" not in stated:
+            stated.update(dict.fromkeys((k for k, v in stated.items() if _SOURCE.fullmatch(k) and v == 0), _RAW))
 
 
 @contextmanager

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 FORMAT = "rths-recording"
 FORMAT_VERSION = 1
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit", "UNITS", "unit_string")
+_DIMENSION = "This is a netCDF dimension but not a netCDF variable"  # netCDF4's NAME of a dataset without figures
 _DEEPEST = 8
 RECORDING = Wanted("file of measured time histories", "is not an HDF5 file; give measured time histories", RESTORE)
 
@@ -149,7 +150,7 @@ def _variables(path: Path, file: h5py.File, group: h5py.Group, prefix: str = "")
         if isinstance(node, h5py.Group):
             if prefix.count("/") < _DEEPEST:
                 yield from _variables(path, file, node, f"{prefix}{name}/")
-        elif isinstance(node, h5py.Dataset):
+        elif isinstance(node, h5py.Dataset) and not _text(_held(node, "NAME", "")).startswith(_DIMENSION):
             yield f"{prefix}{name}", _variable(path, file, node)
 
 

@@ -2,7 +2,8 @@
 
 Source: NI, "Specification for the LabVIEW Measurement File (.lvm)": the file's header and each segment's end with
 ***End_of_Header***; X_Columns is One (of the first channel), Multi or No; Date, Time, X0, Delta_X and Y_Unit_Label of
-a segment have a cell for each channel; the last column, Comment, belongs to no channel.
+a segment have a cell for each channel, with Multi in every second column; the last column, Comment, belongs to no
+channel.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ _END = "***End_of_Header***"
 _SPECIAL = ("***Start_Special***", "***End_Special***")
 _SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
 _LONGEST_HEADER = 100  # lines of a segment's header
+_BY_CHANNEL = ("samples", "date", "time", "y_unit_label", "x_dimension", "x0", "delta_x")
 _NEAR = 0.2  # of a sample, within which a segment begins at a whole sample after the one before
 _DIGITS = 5  # of a Delta_X: fewer leave the rate in doubt where no X values are saved
 
@@ -103,6 +105,15 @@ def _header(lines: Sequence[str], first: int, separator: str) -> tuple[dict[str,
     return stated, len(lines)
 
 
+def _of_channels(header: Header) -> Header:
+    """Return a segment's header with the cells of the channels alone: with Multi each stands above its Y column."""
+    every = [cells for key, cells in header.items() if key in _BY_CHANNEL]
+    spread = any(cells[2:3] != [""] for cells in every if len(cells) > 2) and not any(
+        cell for cells in every for cell in cells[1::2]
+    )
+    return {key: cells[::2] if spread and key in _BY_CHANNEL else cells for key, cells in header.items()}
+
+
 def _cell(header: Header, key: str, channel: int = 0) -> str:
     """Return the cell of a channel behind a key, "" without one."""
     cells = header.get(key, [])
@@ -114,7 +125,8 @@ def _segments(path: Path, lines: Sequence[str], first: int, separator: str) -> l
     segments: list[_Segment] = []
     place = first
     while place < len(lines):
-        header, start = _header(lines, place, separator)
+        stated, start = _header(lines, place, separator)
+        header = _of_channels(stated)
         start += next((k for k, line in enumerate(lines[start : start + _LONGEST_HEADER]) if line.strip()), 0)
         names = tuple(cell.strip() for cell in lines[start].split(separator)) if start < len(lines) else ()
         place = start + 1

@@ -29,6 +29,8 @@ from rths_cli.numerics.lti import Array
 
 _NAMES = {"names", "name", "channels", "channelnames", "labels", "columns"}
 _UNITS = {"units", "unit", "channelunits"}
+_NAMELESS = {"data", "value", "values", "samples", "signal", "y"}  # of a group's only series
+_LEVELS = 4  # of structures in each other, below the first
 _SHORT = 0.01
 """A series shorter than this part of the longest is no channel (coefficients, settings)."""
 
@@ -54,11 +56,16 @@ def contents_of(path: Path, variables: Mapping[str, Variable]) -> Contents:
     ignored = [short[key] for key, v in variables.items() if v.value is None]
     columns: list[Column] = []
     intervals: list[tuple[str, float]] = []
+    times = _own_times(variables)
     beside = {key.rpartition("/")[0]: numbers_of(v.value) for key, v in variables.items() if _is_start(key, v)}
     for key, variable in variables.items():
         if not isinstance(variable.value, np.ndarray):
             continue
         name, array = short[key], np.squeeze(variable.value)
+        group = key.rpartition("/")[0]
+        if key in (f"{group}/{time.name}" for time in times.get(group, ())):
+            continue
+        count = len(columns)
         intervals += _intervals(name, variable)
         starts = variable.starts_s or beside.get(key.rpartition("/")[0], ())
         if states_start(_leaf(name)) and array.ndim < 2 and array.size < MOST:
@@ -69,6 +76,7 @@ def contents_of(path: Path, variables: Mapping[str, Variable]) -> Contents:
             columns += _started(path, _matrix(path, name, array, texts), starts)
         elif array.size != 1 or stated_interval(_leaf(name), 1.0) is None:
             ignored.append(name)
+        columns[count:] = [_over(column, group, times.get(group, ())) for column in columns[count:]]
     contents = _without_short(path, columns, intervals, ignored)
     named = any(isinstance(variable.value, list) for variable in variables.values())
     if named or any(c.start_s is not None or is_time(c.name) for c in contents.columns):
@@ -87,8 +95,35 @@ def matlab_contents(path: Path, values: Mapping[str, Value]) -> Contents:
     variables: dict[str, Variable] = {}
     for name, value in values.items():
         fields = {f"{name}/{key}": each for key, each in value.items()} if isinstance(value, dict) else {name: value}
+        for _ in range(_LEVELS):
+            fields = {n: each for key, one in fields.items() for n, each in _fields(key, one)}
         variables |= {key: Variable(series(each)) for key, each in fields.items()}
     return contents_beside_objects(path, variables, values)
+
+
+def _fields(name: str, value: Value) -> list[tuple[str, Value]]:
+    """Return the fields of a structure by their paths, any other value by its name."""
+    return [(f"{name}/{key}", each) for key, each in value.items()] if isinstance(value, dict) else [(name, value)]
+
+
+def _own_times(variables: Mapping[str, Variable]) -> dict[str, tuple[Column, ...]]:
+    """Return the time of each group or structure that has one, where several have; else none."""
+    times: dict[str, tuple[Column, ...]] = {}
+    for key, variable in variables.items():
+        group, _, leaf = key.rpartition("/")
+        array = np.squeeze(variable.value) if isinstance(variable.value, np.ndarray) else np.zeros(0)
+        if group and is_time(leaf) and array.ndim == 1 and array.size > 1:
+            times.setdefault(group, (Column(leaf, _floats(array), variable.unit),))
+    return times if len(times) > 1 else {}
+
+
+def _over(column: Column, group: str, times: tuple[Column, ...]) -> Column:
+    """Return a channel over the time of its group, if that has its length, with the group's name where its own says
+    nothing."""
+    if not times or times[0].values.size != column.values.size:
+        return column
+    named = _leaf(group) if _leaf(column.name).lower() in _NAMELESS else column.name
+    return replace(column, name=named, time=times[0])
 
 
 def contents_beside_objects(path: Path, variables: Mapping[str, Variable], values: Mapping[str, Value]) -> Contents:

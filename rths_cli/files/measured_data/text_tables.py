@@ -261,7 +261,7 @@ def _names(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return names and units of the columns from the lines above the first row, blank where there are none."""
     split = [(number, line, _cells(line.lstrip("#% "), separator)) for number, line in above]
-    fitting = [cells for _, _, cells in split if len(cells) == count and not _all_numbers(cells)]
+    fitting = [cells for _, _, cells in split if len(cells) == count and any(cells) and not _all_numbers(cells)]
     plain = [(number, cells) for number, line, cells in split if not line.lstrip().startswith(_COMMENT)]
     if plain and len(plain[-1][1]) not in (1, count):
         number, cells = plain[-1]

@@ -27,7 +27,8 @@ from rths_cli.files.measured_data.recording import (
 from rths_cli.files.measured_data.units import abscissa_factor
 from rths_cli.numerics.lti import Array
 
-_BEGINS = re.compile(rb"[ \t]*-1[ \t]*\r?\n[ \t]*58(b|[ \t]*\r?\n)")
+_BEGINS = re.compile(rb"[ \t]*-1[ \t]*\r?\n[ \t]*\d+(b|[ \t]*\r?\n)")
+_HOLDS = re.compile(rb"^[ \t]*-1[ \t]*\r?\n[ \t]*58(b|[ \t]*\r?\n)", re.MULTILINE)
 _HEAD_LINES = 11
 _REAL = {2: np.float32, 4: np.float64}
 _TIME = (0, 17)  # abscissa: unknown, time
@@ -49,8 +50,8 @@ class _Dataset:
 
 
 def is_universal(data: bytes) -> bool:
-    """Say whether bytes begin with a dataset 58 or 58b."""
-    return _BEGINS.match(data) is not None
+    """Say whether bytes are a universal file that holds a dataset 58 or 58b, perhaps behind others (151, 164)."""
+    return _BEGINS.match(data) is not None and _HOLDS.search(data) is not None
 
 
 def universal_contents(path: Path, data: bytes) -> Contents:

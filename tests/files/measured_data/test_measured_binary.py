@@ -118,7 +118,7 @@ def test_what_is_no_series_is_named(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "made.mat", content)
     check(
         read_recording(tmp_path / "made.mat"),
-        notes=("not used, because they are no series: valid, deep, gain, cube, taps",),
+        notes=("not used, because they are no series: valid, gain, a, cube, taps",),
     )
 
 

@@ -100,9 +100,12 @@ def labview(
     count = N // segments
     for segment in range(segments):
         places = np.arange(segment * count, (segment + 1) * count) + segment * skipped
-        lines += [line("Channels", 3), line("Samples", count, count, count), line("Date", *["2026/02/03"] * 3)]
-        lines += [line("Time", *(f"{each:%H:%M:%S.%f}" for each in moments)), line("Y_Unit_Label", *UNITS)]
-        lines += [line("X0", *(each * DT_S + float(places[0]) * DT_S for each in late)), line("Delta_X", *[DT_S] * 3)]
+        head: dict[str, Sequence[object]] = {"Samples": [count] * 3, "Date": ["2026/02/03"] * 3}
+        head |= {"Time": [f"{each:%H:%M:%S.%f}" for each in moments], "Y_Unit_Label": UNITS, "Delta_X": [DT_S] * 3}
+        head["X0"] = [each * DT_S + float(places[0]) * DT_S for each in late]
+        between = [""] if x_columns == "Multi" else []  # each cell stands above the Y column of its channel
+        lines.append(line("Channels", 3))
+        lines += [line(key, *(part for one in cells for part in (one, *between))) for key, cells in head.items()]
         heads = {"One": ["X_Value", *NAMES], "No": ["X_Value", *NAMES]}
         each_x = [word for name in NAMES for word in ("X_Value", name)]
         lines += ["***End_of_Header***" + separator, line(*heads.get(x_columns, each_x), "Comment")]
@@ -138,7 +141,8 @@ def check(path: Path, first: float = 0.0, dt_s: float | None = None, atol: float
     assert found.dt_s == DT_S
     time_s = (np.arange(found.samples.shape[1]) + first) * DT_S
     assert time_s.size >= N - 2 * first - 60
-    for k, samples in enumerate(found.samples):
+    order = [found.names.index(name) for name in NAMES] if set(NAMES) == set(found.names) else range(3)
+    for k, samples in enumerate(found.samples[list(order)]):
         np.testing.assert_allclose(samples, motion(time_s, k), atol=atol)
     return found
 
@@ -233,6 +237,54 @@ def test_arrays_of_simulink_have_their_time(tmp_path: Path) -> None:
     check(tmp_path / "a.mat")
     scipy.io.savemat(tmp_path / "b.mat", {"ans": np.vstack([TIME_S, signals])})
     assert "To File" in check(tmp_path / "b.mat").notes[-1]
+
+
+def timeseries(k: int, late: float) -> dict[str, object]:
+    """Return a timeseries of MATLAB that was made a structure."""
+    time_s = TIME_S + late * DT_S
+    return {"Time": time_s[:, None], "Data": motion(time_s, k)[:, None], "DataInfo": {"Units": UNITS[k]}}
+
+
+def dataset(path: Path, late: Late) -> None:
+    elements = [{"Name": name, "Values": timeseries(k, late[k])} for k, name in enumerate(NAMES)]
+    scipy.io.savemat(path, {"logsout": structures(elements)})
+
+
+def elements(path: Path, late: Late) -> None:
+    logs = {name: {"Values": timeseries(k, late[k])} for k, name in enumerate(NAMES)}
+    scipy.io.savemat(path, {"logsout": logs})
+
+
+def pairs(late: Late) -> list[tuple[str, Array, Array]]:
+    """Return name, times and samples of each channel."""
+    return [(n, TIME_S + late[k] * DT_S, motion(TIME_S + late[k] * DT_S, k)) for k, n in enumerate(NAMES)]
+
+
+def matrices(path: Path, late: Late) -> None:
+    scipy.io.savemat(path, {name: np.column_stack([time_s, values]) for name, time_s, values in pairs(late)})
+
+
+def fields(path: Path, late: Late) -> None:
+    scipy.io.savemat(path, {name: {"time": time_s, "data": values} for name, time_s, values in pairs(late)})
+
+
+def nested(path: Path, late: Late) -> None:
+    scipy.io.savemat(path, {"run": {name: {"t": time_s, "values": values} for name, time_s, values in pairs(late)}})
+
+
+def groups(path: Path, late: Late) -> None:
+    with h5py.File(path, "w") as file:
+        for name, time_s, values in pairs(late):
+            file[f"m/{name}/time"], file[f"m/{name}/value"] = time_s, values
+
+
+@pytest.mark.parametrize("late", [EQUAL, (0.0, 1.0, 25.0)])
+@pytest.mark.parametrize("write", [dataset, elements, matrices, fields, nested, groups])
+def test_each_series_has_the_time_beside_it(tmp_path: Path, write: Callable[[Path, Late], None], late: Late) -> None:
+    write(tmp_path / "d.mat", late)
+    found = check(tmp_path / "d.mat", max(late))
+    order = [found.names.index(name) for name in NAMES]
+    assert [found.units[k] for k in order] == list(UNITS if write in (dataset, elements) else [""] * 3)
 
 
 def test_an_axis_that_is_not_there_is_refused(tmp_path: Path) -> None:
@@ -365,6 +417,13 @@ def test_the_abscissa_of_a_universal_file_has_its_unit(tmp_path: Path, binary: b
     assert "the unit 'min' of its abscissa is not s, ms or us" in refusal(tmp_path / "a.uff")
 
 
+def test_a_universal_file_may_begin_with_other_datasets(tmp_path: Path) -> None:
+    universal(tmp_path / "d.uff")
+    head = "    -1\n   151\nmodel\n    -1\n    -1\n   164\n         1SI\n    -1\n"
+    (tmp_path / "d.uff").write_bytes(head.encode() + (tmp_path / "d.uff").read_bytes())
+    assert "dataset 151, dataset 164" in " ".join(check(tmp_path / "d.uff").notes)
+
+
 def test_starts_of_a_universal_file_need_their_digits(tmp_path: Path) -> None:
     universal(tmp_path / "a.uff", late=(123456.0, 123456.5, 123456.0))
     assert "that of command is written to 0.001 s, 1 of an interval" in refusal(tmp_path / "a.uff")
@@ -395,6 +454,10 @@ def test_rattlesnake_channels_have_their_names_and_units(tmp_path: Path) -> None
     assert check(tmp_path / "d.nc4").names == NAMES
     with h5py.File(tmp_path / "d.nc4", "a") as file:
         file["channels/comment"][:] = ["", "", ""]
+        file["time_samples"] = np.zeros(N)  # as netCDF4 writes a dimension
+        file["time_samples"].attrs["NAME"] = np.bytes_(
+            "This is a netCDF dimension but not a netCDF variable.       600"
+        )
     found = check(tmp_path / "d.nc4")
     assert found.names == ("1 X+", "2 X+", "3 X+") and found.units == UNITS
 

@@ -138,6 +138,21 @@ def test_unknown_scalings_are_refused_by_name_without_a_word_of_the_library(
     check(tmp_path / "d.tdms", 0.0, 1e-12)
 
 
+@pytest.mark.parametrize(
+    ("kind", "parts"),
+    [("Linear", ("Y_Intercept", "Slope")), ("Polynomial", ("Coefficients[0]", "Coefficients[1]"))],
+)
+def test_plain_samples_with_the_scalings_of_daqmx_are_scaled(tmp_path: Path, kind: str, parts: tuple[str, str]) -> None:
+    """Scale 0, the source, is DAQmx's scaler, which files that were written again do not have."""
+    late = (0.0, 1.0, 25.0)
+    scale = {"NI_Number_Of_Scales": 2, "NI_Scaling_Status": "unscaled", "NI_Scale[1]_Scale_Type": kind}
+    scale |= {f"NI_Scale[1]_{kind}_Input_Source": 0, "NI_Scale[1]_Polynomial_Coefficients_Size": 2}
+    scale |= {f"NI_Scale[1]_{kind}_{part}": value for part, value in zip(parts, (0.25, 1e-4), strict=True)}
+    stored = [np.round((each - 0.25) / 1e-4).astype(np.int32) for each in sampled(late)]
+    tdms(tmp_path / "d.tdms", stored, [{**scale, "wf_start_offset": each * DT_S} for each in late])
+    check(tmp_path / "d.tdms", 25.0, 1e-4)
+
+
 LATE = (0.0, 3.0, 3.0)
 
 

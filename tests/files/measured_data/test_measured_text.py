@@ -73,7 +73,7 @@ def test_decimal_commas(tmp_path: Path, separator: str) -> None:
 
 def test_windows_lines_byte_order_mark_and_utf_16(tmp_path: Path) -> None:
     text = "time (s)\tcommand (V)\ttable (m/s²)\r\n" + "".join("\t".join(map(repr, row)) + "\r\n" for row in ROWS)
-    for encoding in ("utf-8-sig", "utf-16", "latin-1"):
+    for encoding in ("utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"):
         path = tmp_path / f"{encoding}.txt"
         path.write_bytes(text.encode(encoding))
         recording = read_recording(path)

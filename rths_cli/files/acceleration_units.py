@@ -19,7 +19,8 @@ def find_unit(text: str) -> str | None:
 
 
 def _spelling(text: str) -> str:
-    """Return one spelling of a unit: `M/SEC/SEC`, `m/s2` and `m/s²` are m/s^2."""
+    """Return one spelling of a unit: `M/SEC/SEC`, `m/s2`, `m s-2` and `m/s²` are m/s^2."""
     unit = re.sub(r"\s", "", text).lower().rstrip(".").replace("²", "2")
+    unit = re.sub(r"^([a-z]+)[·.*]?s(?:\^|\*\*)?[-⁻]2$", r"\1/s2", unit)
     unit = unit.replace("sec", "s").replace("s/s", "s2")
     return re.sub(r"s(\*\*|\^)?2$", "s^2", unit)

@@ -83,6 +83,69 @@ def test_a_component_has_several_names(name: str, component: str, written: str) 
     assert found.accel_m_s2 == pytest.approx(G * examples.motion_g(written), abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("peer_2005.AT2", "NPTS=    300, DT=   .0100 SEC,", "DT= .01 SEC; Npts = 300"),
+        ("peer_2005.AT2", "NPTS=    300,", "NUMBER OF POINTS= 300,"),
+        ("peer_2005.AT2", "E-0", "D-0"),
+        ("peer_2005.AT2", " -", "-"),  # grown together
+        ("knet.EW", "Sampling Freq(Hz) 100Hz", "SAMPLING FREQ(HZ) 100"),
+        ("knet.EW", "Scale Factor", "scale factor"),
+        ("esm.HNE.ASC", "PGA_CM/S^2", "PGA_cm/s^2"),
+        ("esm.HNE.ASC", "SAMPLING_INTERVAL_S:", "sampling_interval_s :"),
+        ("cosmos.V1c", "units=cm/sec2(04),Format", "units=cm/sec2.     (04)Format"),  # of CESMD, 2018
+    ],
+)
+def test_what_other_generations_write_changes_nothing(tmp_path: Path, name: str, old: str, new: str) -> None:
+    found, wanted = read_components(changed(tmp_path, name, old, new)), read_components(FOLDER / name)
+    assert all(np.array_equal(a.accel_m_s2, b.accel_m_s2) for a, b in zip(found, wanted, strict=True))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t [s];a [m s-2]\n{rows}", ",time (s),a (m·s⁻²)\n{index}", "Zeit (s)\tBeschl. (m/s²)\n0\t0\n{tabs}",
+        "{double}",
+    ],
+)  # fmt: skip
+def test_spreadsheets_of_others_are_read_from_their_first_row(tmp_path: Path, text: str) -> None:
+    accel = np.round(G * examples.motion_g(), 5)
+    pairs = list(zip(examples.TIME_S, accel, strict=True))
+    first = 1 if "{tabs}" in text else 0
+    whole = text.format(
+        rows="\n".join(f"{t:.2f};{a:.5f}" for t, a in pairs).replace(".", ","),
+        tabs="\n".join(f"{t:.2f}\t{a:.5f}" for t, a in pairs[1:]).replace(".", ","),
+        index="\n".join(f"{k},{t:.2f},{a:.5f}" for k, (t, a) in enumerate(pairs)),
+        double="\n".join(f"{t:.5E} {a:.9E}".replace("E", "D") for t, a in pairs),
+    )
+    (tmp_path / "a.csv").write_text(whole, encoding="utf-8")
+    found = read_accelerogram(tmp_path / "a.csv", "m/s^2")
+    assert found.accel_m_s2[first:] == pytest.approx(accel[first:], abs=1e-9) and found.dt_s == pytest.approx(0.01)
+    assert found.accel_m_s2.size == accel.size
+
+
+@pytest.mark.parametrize("head", ["300\n", "300\n0.01\n", "300 0.01\n"])
+def test_a_count_above_the_figures_is_no_sample(tmp_path: Path, head: str) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(head + examples.rows(examples.gal(), 1 if " " not in head else 8, "12.5f"))
+    assert "the first figure, 300, is the number of those that follow it" in refusal(path, unit="gal", dt_s=0.01)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"\x1f\x8b\x08" + bytes(99), "is compressed (gzip); unpack it"),
+        (b"PK\x03\x04" + bytes(99), "is a zip archive or a workbook; unpack it, or save a workbook's sheet"),
+        (b"*****\n   INSTITUTO DE INGENIERIA, UNAM\n", "is a file of UNAM (Mexico)"),
+        (b"1 UNCORRECTED ACCELEROGRAM\r\n*\r\n 1 2 3\r\n" + bytes(9), "is an SMC file (USGS)"),
+    ],
+)
+def test_other_files_are_named(tmp_path: Path, data: bytes, words: str) -> None:
+    (tmp_path / "a.dat").write_bytes(data)
+    assert words in refusal(tmp_path / "a.dat")
+
+
 def test_of_several_components_one_has_to_be_named() -> None:
     with pytest.raises(InputError, match=r"holds 3 components \(360, 90, Up\); state one .*component: 360"):
         read_accelerogram(FOLDER / "csmip.V2")
@@ -131,6 +194,7 @@ def test_station_and_correction_are_told() -> None:
         ("csmip.V2", "   300 points of accel data", "   308 points of accel data", "the header states 308 samples"),
         ("csmip.V2", "(8f10.5)", "(8f12.5)", "is not a number of 8 a line in 12 characters each"),
         ("csmip.V2", "Peak acceleration =   -46.900", "Peak acceleration =   -49.900", "states a peak of 49.9 cm/s^2"),
+        ("csmip.V1", "Record Length = 3.000 sec", "Record Length = 6.000 sec", ":11: states a length of 6.000 s, 300"),
         ("csmip.V2", "at  .010 sec, in cm/sec2", "at  .020 sec, in cm/sec2", ":17: states 300 points every 0.01 s"),
         ("three_components.csv", "0.0400000,", "0.0450000,", ":6: the time (first column) steps by 0.015 s here"),
     ],
@@ -277,6 +341,9 @@ def test_obspy_reads_sac_and_miniseed_with_the_unit_that_the_case_states(tmp_pat
     path = tmp_path / "a.mseed"
     obspy.Stream(traces).write(str(path), format="MSEED")
     assert "states no unit of acceleration" in refusal(path)
+    path.write_bytes(path.read_bytes()[:-100])
+    assert "cannot be read as miniSEED; it is cut or damaged" in refusal(path, unit="gal")
+    obspy.Stream(traces).write(str(path), format="MSEED")
     assert read_accelerogram(path, "gal", component="EW").accel_m_s2 == pytest.approx(G * examples.motion_g("EW"))
     obspy.Stream([traces[0].slice(endtime=traces[0].stats.starttime + 1), traces[0].slice(
         starttime=traces[0].stats.starttime + 2)]).write(str(path), format="MSEED")  # fmt: skip
@@ -290,6 +357,8 @@ def test_obspy_reads_sac_and_miniseed_with_the_unit_that_the_case_states(tmp_pat
     assert "XX.S001..HNN has pieces at 100 and 200 Hz" in refusal(path, unit="gal")
     traces[0].write(str(tmp_path / "a.SAC"), format="SAC")
     data = bytearray((tmp_path / "a.SAC").read_bytes())
+    traces[0].write(str(tmp_path / "a.txt"), format="SACXY")
+    assert read_accelerogram(tmp_path / "a.txt", "gal").accel_m_s2 == pytest.approx(G * examples.motion_g(), abs=1e-6)
     (found,) = read_components(tmp_path / "a.SAC", "gal")
     assert (found.component, found.station) == ("HNN", "XX.S001")
     assert found.accel_m_s2 == pytest.approx(G * examples.motion_g(), abs=1e-6)

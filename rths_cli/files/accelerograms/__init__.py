@@ -128,7 +128,7 @@ def _decode(path: Path, data: bytes) -> str:
     """Return the text; headers of old files are not always UTF-8."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16", errors="replace")
-    data = data.rstrip(b"\x1a \t\r\n")  # the end of a text of DOS
+    data = data.rstrip(b"\0\x1a \t\r\n")  # the end of a text of DOS
     if data.translate(None, bytes(range(32, 256)) + b"\t\n\r\f"):
         raise InputError(f"{path}: {named_binary(data)}")
     try:

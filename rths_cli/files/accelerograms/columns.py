@@ -39,12 +39,15 @@ _SMOOTHER, _ALIKE = 0.8, 2.0
 """What rows of one series keep: real records have 0.22 to 0.60, and 0.66 to 1.3."""
 _FALLS = 0.2  # of the steps of a column that is no time
 _TEXT_LINES = 100  # above figures
-ONE_SERIES = ("PEER AT2", "K-NET ASCII", "DYNA", "rows of values")
+COUNTED = ("PEER AT2", "K-NET ASCII", "DYNA")  # whose header states how many figures there are
+ONE_SERIES = (*COUNTED, "rows of values")
 IN_ROWS = (
     "; if the rows are one series, written several values a line, write one value a line, or, where every row runs on "
     "smoothly into the next, state its interval (record.dt_s, # dt:)"
 )
 _SEPARATORS = str.maketrans(",;\t", "   ")
+_DOUBLE = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d)")  # Fortran's exponent
+_GROWN = re.compile(r"(?<=[\d.])(?=[-+])")  # fields of fixed width, of which a sign fills one
 
 
 def column_header(path: Path, lines: list[str]) -> Header:
@@ -104,16 +107,16 @@ def split_columns(line: str) -> list[str]:
 def is_number(word: str) -> bool:
     """Say whether a word can be read as a number."""
     try:
-        float(word)
+        float(_DOUBLE.sub("E", word))
     except ValueError:
         return False
     return True
 
 
 def _is_names(line: str) -> bool:
-    """Say whether a line names columns: one or two cells, none of them a number."""
+    """Say whether a line names columns: one or two cells, none of them a number, and no unnamed one before them."""
     cells = split_columns(line)
-    return 0 < len(cells) <= 2 and not any(is_number(cell) for cell in cells)
+    return not re.match(r"\s*[,;]", line) and 0 < len(cells) <= 2 and not any(is_number(cell) for cell in cells)
 
 
 def _unit_of_names(where: str, line: str) -> str | None:
@@ -146,10 +149,10 @@ def read(path: Path, lines: list[str], dt_s: float | None) -> list[Channel]:
     """
     header = column_header(path, lines)
     first = next((words for _, words in _rows(lines, header)), [])
-    row = lines[header.first_line] if header.first_line < len(lines) else ""
+    rows = lines[header.first_line : header.first_line + 9]  # a first one is often `0;0`
     motions = [name for name in _names_above(lines, header) if find_unit(bracketed(name) or "")]
     named = first and not all(map(is_number, first)) and _names_stand_above(lines)
-    if _decimal_commas(row) or named or len(motions) == 2:
+    if any(map(_decimal_commas, rows)) or named or len(motions) == 2:
         return _of_table(path, lines, header)
     if _is_series(lines, header, dt_s or header.dt_s):
         header = replace(header, layout="rows of values")
@@ -326,7 +329,7 @@ def _whole(path: Path, values: Array, line_of: Callable[[int], int], name: str) 
 
 def _read_values(path: Path, lines: list[str], header: Header) -> Array:
     """Return the figures after the header, (n_samples, 1 or 2), finite and as many as the header states."""
-    body = "\n".join(lines[header.first_line :]).translate(_SEPARATORS)
+    body = _plain("\n".join(lines[header.first_line :]), header)
     if not any(_rows(lines, header)):
         raise InputError(f"{path}: holds no numbers; name an accelerogram file")
     try:
@@ -344,15 +347,24 @@ def _read_values(path: Path, lines: list[str], header: Header) -> Array:
         line = _line_of(lines, header, int(faulty[0]))
         raise InputError(f"{path}:{line}: sample {faulty[0] + 1} is not a finite number; mend or cut the record")
     check_count(path, header, len(values))
+    if (
+        header.layout not in COUNTED
+        and values.shape[1] == 1
+        and len(values) > 50
+        and len(values) - values[0, 0] in (1, 2)
+    ):
+        raise InputError(
+            f"{path}:{_line_of(lines, header, 0)}: the first figure, {values[0, 0]:g}, is the number of those that "
+            "follow it; begin its line with #, and state the interval as # dt: 0.01 s or record.dt_s"
+        )
     check_moves(path, values[:, -1])
     return values
 
 
 def _decimal_commas(line: str) -> bool:
-    """Return whether a line is numbers with decimal commas between semicolons or tabs."""
-    return bool(
-        re.fullmatch(r"\s*[-+]?\d+,\d+([eE][-+]?\d+)?(\s*[;\t]\s*[-+]?\d+(,\d+)?([eE][-+]?\d+)?)+\s*;?\s*", line)
-    )
+    """Return whether a line is numbers, some with decimal commas, between semicolons or tabs."""
+    number = r"\s*[-+]?\d+(,\d+)?([eE][-+]?\d+)?\s*"
+    return "," in line and bool(re.fullmatch(rf"{number}([;\t]{number})+;?\s*", line))
 
 
 def _of_decimal_commas(line: str) -> str:
@@ -373,7 +385,11 @@ def _first_bad_line(path: Path, lines: list[str], header: Header) -> str:
             if is_date(word):
                 return _dated(path, number, word)
             if not is_number(word):
-                if columns == 0 and (above := _text_above(path, lines, header, number)):
+                if (
+                    columns == 0
+                    and header.layout not in COUNTED
+                    and (above := _text_above(path, lines, header, number))
+                ):
                     return above
                 return (
                     f"{path}:{number}: {word[:40]!r} is not a number; give columns of numbers or a record as its "
@@ -402,7 +418,7 @@ def _text_above(path: Path, lines: list[str], header: Header, number: int) -> st
     if count > 2:
         return (
             f"{path}:{first[0]}: {count} columns below text; give one (acceleration) or two (time in s, acceleration), "
-            "with their names and units in the first line"
+            "with their names and units in the first line, or begin the text with # if the rows are one series"
         )
     return (
         f"{path}:{number}: text above the figures, which begin in line {first[0]}; remove it or begin it with #, and "
@@ -413,9 +429,15 @@ def _text_above(path: Path, lines: list[str], header: Header, number: int) -> st
 def _rows(lines: list[str], header: Header) -> Iterator[tuple[int, list[str]]]:
     """Yield line number and words of every line of figures, without comments and blank lines."""
     for number, line in enumerate(lines[header.first_line :], header.first_line + 1):
-        words = line.partition("#")[0].translate(_SEPARATORS).split()
+        words = _plain(line.partition("#")[0], header).split()
         if words:
             yield number, words
+
+
+def _plain(text: str, header: Header) -> str:
+    """Return figures between spaces, with exponents that Python reads."""
+    text = _DOUBLE.sub("E", text.translate(_SEPARATORS))
+    return _GROWN.sub(" ", text) if header.layout in COUNTED else text
 
 
 def _line_of(lines: list[str], header: Header, sample: int) -> int:

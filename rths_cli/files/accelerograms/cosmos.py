@@ -19,7 +19,7 @@ from rths_cli.numerics.lti import Array
 
 _COSMOS = re.compile(
     r"\s*(\d{1,8})\s+(\S.{0,40}?)\s*pts?,?\s*approx\.?\s*(\d+\.?\d*|\.\d+)\s*secs?,\s*units\s*=\s*([^(,]*?)\s*"
-    r"(?:\(\s*(\d+)\s*\))?\s*,\s*Format\s*=\s*\(([^)]*)",
+    r"(?:\(\s*(\d+)\s*\))?\s*,?\s*Format\s*=\s*\(([^)]*)",
     re.IGNORECASE,
 )
 _CSMIP = re.compile(
@@ -228,6 +228,12 @@ def _check_said(path: Path, data: _Data, head: list[str]) -> None:
         rate = re.search(r"intervals of\s*([\d.]+)|at\s+(\d+)\s*samples/sec", line, re.IGNORECASE)
         dt_s = data.dt_s or 0.0
         said = (float(rate[1]) if rate[1] else 1.0 / max(float(rate[2]), 1e-9)) if rate else dt_s
+        length = re.search(r"record length\s*=\s*([\d.]+) ?sec.*samples/sec", line, re.IGNORECASE)
+        if length and abs(float(length[1].strip(".") or 0.0) - data.count * dt_s) > max(1.5 * dt_s, 0.01):
+            raise InputError(
+                f"{path}:{number}: states a length of {length[1]} s, {data.count} samples every {dt_s:g} s are "
+                f"{data.count * dt_s:g} s; take the file as its agency gives it"
+            )
         if stated != data.count or abs(said - dt_s) > 1e-3 * dt_s:
             raise InputError(
                 f"{path}:{number}: states {stated} points every {said:g} s, line {data.line + 1} {data.count} every "

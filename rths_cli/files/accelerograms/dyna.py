@@ -22,7 +22,7 @@ from rths_cli.files.accelerograms.record import (
     stated_peak,
 )
 
-_LINE = re.compile(r"([A-Z][A-Z0-9_/^]*):\s*(.*)")
+_LINE = re.compile(r"([A-Z][A-Z0-9_/^]*)\s*:\s*(.*)", re.IGNORECASE)
 _MOST_LINES = 80
 _NEEDED = ("SAMPLING_INTERVAL_S", "NDATA", "UNITS")
 
@@ -37,7 +37,8 @@ def read(path: Path, lines: list[str]) -> list[Channel] | None:
             break
         if match is None:
             continue  # a blank line above the header
-        value[match[1]], line[match[1]] = match[2].strip(), number
+        key = match[1].upper()
+        value[key], line[key] = match[2].strip(), number
     if not {"SAMPLING_INTERVAL_S", "NDATA"} & set(value):
         return None
     if missing := [key for key in _NEEDED if not value.get(key)]:

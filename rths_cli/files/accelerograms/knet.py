@@ -24,13 +24,17 @@ _DIRECTIONS = {"1": "NS1", "2": "EW1", "3": "UD1", "4": "NS2", "5": "EW2", "6": 
 
 def read(path: Path, lines: list[str]) -> list[Channel] | None:
     """Return the record of a K-NET or KiK-net file in gal, None for any other text; raises InputError."""
-    found = {key: (n, line) for n, line in enumerate(lines[:30], 1) for key in _KEYS if line.startswith(key)}
+    head = [(n, line.lstrip()) for n, line in enumerate(lines[:30], 1)]
+    found = {key: (n, line) for n, line in head for key in _KEYS if line.upper().startswith(key.upper())}
     if "Origin Time" not in found or not {"Scale Factor", "Sampling Freq(Hz)"} & set(found):
         return None
     if missing := [key for key in _KEYS[3:] if key not in found]:
         raise InputError(f"{path}: is a K-NET file without {', '.join(missing)}; take the file as NIED gives it")
+    begins = [n for n, line in enumerate(lines, 1) if line.lstrip().upper().startswith("ORIGIN TIME")]
+    if len(begins) > 1:
+        raise InputError(f"{path}:{begins[1]}: a further record begins here; give each a file of its own")
     value = {key: " ".join(line[len(key) :].split()) for key, (_, line) in found.items()}
-    dt_s = 1.0 / _positive(path, found, value, "Sampling Freq(Hz)", r"([\d.]+) ?Hz")
+    dt_s = 1.0 / _positive(path, found, value, "Sampling Freq(Hz)", r"([\d.]+)(?: ?Hz)?")
     factor = _factor(f"{path}:{found['Scale Factor'][0]}", value["Scale Factor"])
     duration_s = _positive(path, found, value, "Duration Time(s)", r"([\d.]+)")
     station, label = value.get("Station Code", ""), value["Dir."]

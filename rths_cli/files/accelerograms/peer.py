@@ -18,7 +18,9 @@ from rths_cli.files.accelerograms.record import (
 )
 
 # Each is given a line with single spaces, so that none tries the ways to share a run of them.
-_AT2_NEW = re.compile(r"NPTS ?= ?(\d+) ?,? ?DT ?= ?([\d.eE+-]+)", re.IGNORECASE)
+_AT2_NEW = re.compile(
+    r"(?=.*\b(?:NPTS|NUMBER OF POINTS) ?[=:] ?(\d+)(?![\d.]|,\d))(?=.*\bDT ?[=:] ?([\d.eE+-]+))", re.IGNORECASE
+)
 _AT2_OLD = re.compile(r"^(\d+) ([\d.eE+-]+) NPTS ?, ?DT", re.IGNORECASE)
 _AT2_UNIT = re.compile(r"UNITS? OF ([^ ,]+)", re.IGNORECASE)
 _OTHER_RECORD = re.compile(r"^(VELOCITY|DISPLACEMENT)\b", re.IGNORECASE)
@@ -34,7 +36,7 @@ def read(path: Path, lines: list[str]) -> list[Channel] | None:
 def at2_header(path: Path, lines: list[str]) -> Header | None:
     """Return the header of a PEER .AT2 file, old or new, or None when no line states NPTS and DT."""
     for index, line in enumerate(map(squeezed, lines[:_AT2_LAST_LINE])):
-        match = _AT2_NEW.search(line) or _AT2_OLD.search(line)
+        match = _AT2_NEW.match(line) or _AT2_OLD.search(line)
         if match is None or line.startswith("#"):
             continue
         unit, unit_line = _at2_unit(path, lines[:index])

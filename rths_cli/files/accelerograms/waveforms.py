@@ -6,6 +6,7 @@ import io
 import math
 import re
 import struct
+import warnings
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,25 +19,34 @@ from rths_cli.files.accelerograms.record import Channel, Header, Stated, check_m
 from rths_cli.files.sandboxed_reading import read_in_copy
 from rths_cli.numerics.lti import Array
 
-_MINISEED = re.compile(rb"\d{6}[DRQM] ")
+_MINISEED = re.compile(rb"\d{6}[DRQMV] ")  # V: a full SEED file, whose waveforms are read as miniSEED
 _MINISEED_3 = re.compile(rb"MS\x03")
 _SAC_VERSION_AT = 304  # byte of the header's number 76
 _SAC_VERSIONS = (6, 7)
 _SAC_HEADER = 632
+_OBSPY = {"miniSEED": "MSEED", "SAC": "SAC", "SAC text": "SACXY"}
 _SAC_UNKNOWN = -12345.0
 _OVERLAP = "has pieces that overlap and differ there; keep one of them, or cut the others"
 _NO_ACCELERATIONS = {6: "displacement", 7: "velocity"}  # IDISP and IVEL of SAC's header
 
 
 def kind_of(data: bytes) -> str:
-    """Return `miniSEED` or `SAC` for data of that format, "" for any other."""
+    """Return `miniSEED`, `SAC` or `SAC text` for data of that format, "" for any other."""
     if _MINISEED.match(data) or _MINISEED_3.match(data):
         return "miniSEED"
+    if _is_sac_text(data[:2000].split(b"\n")):
+        return "SAC text"
     if len(data) > _SAC_HEADER:
         found = {struct.unpack_from(order + "i", data, _SAC_VERSION_AT)[0] for order in "<>"}
         if found & set(_SAC_VERSIONS):
             return "SAC"
     return ""
+
+
+def _is_sac_text(lines: list[bytes]) -> bool:
+    """Return whether lines are a SAC header in text: 14 of 5 reals, 8 of 5 integers, their seventh the version."""
+    words = [line.split() for line in lines[:22]]
+    return len(words) == 22 and all(len(row) == 5 for row in words) and words[15][1] in (b"6", b"7")
 
 
 @dataclass(frozen=True)
@@ -76,7 +86,12 @@ def _traces(path: Path, data: bytes, kind: str) -> list[_Trace]:
     """Return the traces of a file, those of one channel joined; raises InputError where their rates differ."""
     import obspy
 
-    stream = obspy.read(io.BytesIO(data), format="MSEED" if kind == "miniSEED" else "SAC")
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        stream = obspy.read(io.BytesIO(data), format=_OBSPY[kind])
+        cut = kind == "miniSEED" and _ends_cut(data)
+    if cut or any("skip" in str(each.message) for each in warned):
+        raise ValueError  # obspy leaves such pieces out
     for name in sorted({trace.id for trace in stream}):
         rates = sorted({float(trace.stats.sampling_rate) for trace in stream if trace.id == name})
         if len(rates) > 1:
@@ -85,6 +100,16 @@ def _traces(path: Path, data: bytes, kind: str) -> list[_Trace]:
     twice = {".".join(gap[:4]) for gap in stream.get_gaps() if gap[7] < 0}  # a negative number of missing samples
     stream.merge()
     return [_trace(each, each.id in twice) for each in stream]
+
+
+def _ends_cut(data: bytes) -> bool:
+    """Return whether miniSEED data end within a record."""
+    from obspy.io.mseed.util import get_record_information
+
+    if data.startswith(b"MS"):
+        return False
+    rest = len(data) % int(get_record_information(io.BytesIO(data))["record_length"])
+    return rest > 0 and int(get_record_information(io.BytesIO(data[-rest:]))["record_length"]) > rest
 
 
 def _trace(trace: Any, twice: bool) -> _Trace:

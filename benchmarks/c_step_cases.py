@@ -177,7 +177,8 @@ def main() -> int:
             about, step, samples = drawn(number, given.seed)
             found, apart, ours = faults(step, samples, not about.endswith("none"), Path(name))
             good, worst = good + (not found), max(worst, apart)
-            said = "; ".join(found) or f"agree, commands within {apart:.1e} of their peak, reason {ours.reason}"
+            peak_v = np.abs(ours.log.command_v).max()
+            said = "; ".join(found) or f"agree, commands within {apart:.1e} of {peak_v:.2g} V, reason {ours.reason}"
             print(f"{number:>3} {about}: {said}", flush=True)
             if number < len(KINDS) and about.endswith(("none", "operator")):
                 ratios.append([ratio(step, samples, options, Path(name)) for options in (FAST, EQUAL[:1])])

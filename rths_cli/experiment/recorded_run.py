@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis.intensity import integrate
+from rths_cli.analysis.metrics import frequency_evaluation
 from rths_cli.analysis.recording_alignment import Alignment, LostBlock, align, moved_to_record
 from rths_cli.control import sensor_correction
 from rths_cli.control.kalman_filter import kalman_block
@@ -142,7 +143,8 @@ def _recorded_run(setup: Setup, kind: RunKind, spec: RecordedRunSpec) -> Recorde
     aligned, series = _aligned(setup, kind, spec, series, stated_step, name)
     moved, told, samples = _on_record(setup, kind, spec, series, aligned, name)
     told = [*_said(aligned, recording, stated_step, dt_s, len(series["table"])), *told]
-    told += [stated(f"{name}: {sentence}", "notes") for sentence in (*notes, *_missing(setup, kind, moved))]
+    sentences = (*notes, *_missing(setup, kind, moved), *rounding_told(recording, channels, moved, dt_s))
+    told += [stated(f"{name}: {sentence}", "notes") for sentence in sentences]
     signals = _signals(setup, kind, moved, samples)
     outcome = Outcome(signals, samples, None, "", 0.0, played=True)
     about = {
@@ -381,6 +383,43 @@ def _missing(setup: Setup, kind: RunKind, series: Mapping[str, Array]) -> Iterat
     for role, cost in COSTS.items():
         if role not in there and not (kind is not HYBRID_TEST and role in ("ground", "desired")):
             yield f"no {'displacements' if role == 'displacement' else role}: {cost}"
+
+
+def rounding(values: Array) -> tuple[str, float]:
+    """Return to how many decimals or digits samples (n,) are rounded, "" for more than 8, and that rounding's RMS."""
+    known = values[np.isfinite(values) & (values != 0.0)]
+    powers = np.floor(np.log10(np.abs(known)))
+    for figures in range(9):
+        for kind, unit in (("decimals", np.full(known.size, -float(figures))), ("digits", powers - figures + 1)):
+            count = known / 10.0**unit
+            if known.size and (figures or kind == "decimals") and np.abs(count - np.rint(count)).max() < 1e-6:
+                return f"{figures} {kind}", float(np.sqrt(np.mean(10.0 ** (2.0 * unit)) / 12.0))
+    return "", 0.0
+
+
+def rounding_told(
+    recording: Recording, channels: RunChannels, series: Mapping[str, Array], dt_s: float
+) -> Iterator[str]:
+    """Yield what the rounding of desired and measured motion in the file alone makes of their difference.
+
+    Rounding errors of RMS e, white, move the delay of n samples of RMS a by e / (a sqrt(n)) over its equivalent
+    circular frequency (the frequency evaluation index of signal plus white noise); stated thrice.
+    """
+    told, square = [], 0.0
+    for role in ("desired", "table") if {"desired", "table"} <= series.keys() else ():
+        raw = recording.samples[recording.names.index(channels.names[role])]
+        figures, error = rounding(raw)
+        told += [f"{role} to {figures}"] if figures else []
+        square += (error * float(np.sqrt(np.mean(series[role] ** 2) / np.nanmean(raw**2)))) ** 2 if figures else 0.0
+    if not told:
+        return
+    found = frequency_evaluation(series["desired"], series["table"], dt_s)
+    size = float(np.sqrt(np.mean(series["desired"] ** 2) * series["desired"].size))
+    late_s = 3.0 * square**0.5 / size / (2.0 * np.pi * found.frequency_hz)
+    yield (
+        f"the file rounds {' and '.join(told)}: that alone is {square**0.5:.2g} m/s^2 RMS of the tracking error, "
+        f"and +- {1e6 * late_s:.2g} us of its delay"
+    )
 
 
 def _signals(setup: Setup, kind: RunKind, series: dict[str, Array], samples: int) -> Signals:

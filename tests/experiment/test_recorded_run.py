@@ -18,13 +18,15 @@ from portfolio import parametrize_first
 from scipy.interpolate import CubicSpline
 from scipy.io import savemat
 
+from rths_cli.analysis.metrics import frequency_evaluation
 from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.errors import InputError
 from rths_cli.experiment.check_command import check_cases
 from rths_cli.experiment.model_choice import Memory
-from rths_cli.experiment.recorded_run import with_recordings
+from rths_cli.experiment.recorded_run import rounding, rounding_told, with_recordings
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import make_setup
+from rths_cli.files.measured_data import Recording, RunChannels
 from rths_cli.files.result_reader import Result, read_result
 
 Array = NDArray[np.float64]
@@ -185,6 +187,26 @@ def test_a_run_in_the_file_of_another_program_has_the_metrics_of_its_result(
     assert declaration_faults(path.with_suffix(".h5")) == []
 
 
+def test_what_the_rounding_of_a_file_alone_does_is_told() -> None:
+    """Forty roundings of a motion and of the same late by 0.2 us: the spread of the delays is the stated one."""
+    rng, time_s = np.random.default_rng(7), np.arange(8000) * DT_S
+    waves, late_s = rng.uniform((0.5, 0.0, 0.3), (8.0, 6.28, 1.0), (20, 3)), 2e-7
+    apart: list[float] = []
+    for scale in rng.uniform(1.0, 10.0, 40):
+        motions = (sum(a * np.sin(2 * np.pi * f * (time_s - d) + p) for f, p, a in waves) for d in (0.0, late_s))
+        desired, table = (np.array([float(f"{value:.6g}") for value in scale * motion]) for motion in motions)
+        apart.append(frequency_evaluation(desired, table, DT_S).delay_s - late_s)
+    figures, error = rounding(table)
+    assert figures == "6 digits" and rounding(time_s)[0] == "4 decimals" and rounding(np.sin(time_s)) == ("", 0.0)
+    series = {"desired": desired, "table": table}
+    recording = Recording(Path("a"), "", DT_S, ("desired", "table"), ("g", "g"), np.array([desired, table]))
+    channels = RunChannels(series, {}, {"desired": "desired", "table": "table"})
+    (told,) = rounding_told(recording, channels, series, DT_S)
+    assert f"desired to 6 digits and table to 6 digits: that alone is {np.sqrt(2.0) * error:.2g} m/s^2" in told
+    stated_s = 1e-6 * float(told.partition("+- ")[2].split()[0])
+    assert 0.2 * stated_s < np.std(apart) < 0.5 * stated_s  # a third
+
+
 @pytest.mark.campaign
 def test_six_digits_and_another_order_change_nothing_that_counts(made: Made, tmp_path: Path, memory: Memory) -> None:
     turned = dict(reversed(list(made.series.items())))
@@ -193,6 +215,7 @@ def test_six_digits_and_another_order_change_nothing_that_counts(made: Made, tmp
     large = [name for name in EQUAL if "rms_error" in name or "nrmse" in name]
     compare(found, made, 1e-4, large)
     compare(found, made, 1e-2, [name for name in EQUAL if name not in large])  # rounded samples are 1 % of these
+    assert "the file rounds desired to 6 digits and table to 6 digits" in str(found.attributes["warnings"])
 
 
 @pytest.mark.campaign

@@ -134,8 +134,9 @@ def _of_kind(data: Any, handler: ValidatorFunctionWrapHandler) -> ControllerSpec
     """Return the controller of checked or unchecked data; raises the faults of its kind's model alone."""
     if isinstance(data, ControllerSpec | CompensatorSpec):
         return data
-    kind, others = entry(data, "kind"), compensator_kinds()
+    kind = entry(data, "kind")
     if isinstance(kind, str) and kind not in CONTROLLERS:
+        others = compensator_kinds()
         if kind in others:
             return CompensatorSpec.model_validate(data)
         *words, last = (*CONTROLLERS, *others)

@@ -211,7 +211,8 @@ class RigSpec(Strict):
     def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out what is not stated, so that models of older versions stay those of their rig."""
         data: dict[str, Any] = write(self)
-        return {key: data[key] for key in data if key not in self.unstated()}
+        left_out = self.unstated()
+        return {key: data[key] for key in data if key not in left_out}
 
     def unstated(self) -> set[str]:
         """Return the keys that are left out of the rig as it is written."""

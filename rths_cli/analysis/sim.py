@@ -12,11 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import matrix_balance
+from scipy.linalg import expm, matrix_balance
 
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, ComplexArray, Integers, driven_modes
-from rths_cli.numerics.matrix_equations import exponential
 from rths_cli.structure import Building
 
 _LARGEST_EIGENVECTOR_CONDITION = 1e6  # beyond it the modal sum loses six digits: use the matrix recursion
@@ -143,7 +142,7 @@ def hold_matrices(A: Array, B: Array, h_s: float, degree: int) -> tuple[Array, l
     chain[:n, :n] = A * h_s
     chain[:n, n : n + m] = B * h_s
     chain[n : n + m * degree, n + m :] = np.eye(m * degree)
-    moved = exponential(chain)[:n]
+    moved = expm(chain)[:n]
     inputs = [math.factorial(i) * moved[:, n + m * i : n + m * (i + 1)] for i in range(degree + 1)]
     return moved[:, :n], inputs
 

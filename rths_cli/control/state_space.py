@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import expm
 
 from rths_cli.numerics.lti import Array, Block, ComplexArray, StateSpace
-from rths_cli.numerics.matrix_equations import exponential
 
 Hold = Literal["foh", "zoh", "bilinear"]
 NEARLY_EQUAL = 1e-3  # of two poles' size: nearer ones have residues of a thousand times the response, and more
@@ -136,7 +136,7 @@ def discretise(
 def _held(system: StateSpace, dt_s: float) -> StateSpace:
     """Return a system sampled exactly for inputs that are held from sample to sample."""
     n, m = system.B.shape
-    both = exponential(dt_s * np.block([[system.A, system.B], [np.zeros((m, n + m))]]))
+    both = expm(dt_s * np.block([[system.A, system.B], [np.zeros((m, n + m))]]))
     return StateSpace(both[:n, :n], both[:n, n:], system.C, system.D)
 
 
@@ -147,7 +147,7 @@ def _straight(system: StateSpace, dt_s: float) -> StateSpace:
     chain = np.zeros((n + 2 * m, n + 2 * m))
     chain[:n, :n], chain[:n, n : n + m] = system.A * dt_s, system.B * dt_s
     chain[n : n + m, n + m :] = np.eye(m)
-    rows = exponential(chain)[:n]
+    rows = expm(chain)[:n]
     a, start, end = rows[:, :n], rows[:, n : n + m], rows[:, n + m :]
     return StateSpace(a, start - end + a @ end, system.C, system.D + system.C @ end)
 

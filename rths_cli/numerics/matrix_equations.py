@@ -1,29 +1,13 @@
-"""The discrete algebraic Riccati equation by doubling, and the exponential of a matrix."""
+"""The discrete algebraic Riccati equation by doubling."""
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
-from scipy.linalg import expm
 
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
 
 _MOST_DOUBLINGS, _CONVERGED = 60, 1e-14
-
-
-def exponential(matrix: Array) -> Array:
-    """Return exp of a real or complex matrix (n, n), as scipy's `expm`; the last ones are remembered, because records
-    and levels ask for the same. The result cannot be written to."""
-    return _exponential(matrix.tobytes(), matrix.dtype.str, len(matrix))
-
-
-@lru_cache(maxsize=128)
-def _exponential(content: bytes, kind: str, size: int) -> Array:
-    found = np.asarray(expm(np.frombuffer(content, dtype=kind).reshape(size, size)))
-    found.flags.writeable = False
-    return found
 
 
 def doubled(step: Array, reach: Array, cost: Array) -> Array | None:

@@ -8,10 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.control.displacement_interface import FELT
-from rths_cli.control.interface import LAW_FORCE
-from rths_cli.control.program_storeys import EXTRAPOLATED, LATE, SLOWED
-from rths_cli.files.result_reader import read_dataset
 from rths_cli.numerics.lti import Array
 from rths_cli.report.figures.figure_data import (
     ACCEL,
@@ -59,7 +55,6 @@ MEASURES = {  # name, metric, factor, units
     "displacement": (("PGD", "pgd_m", MM_PER_M, "mm"), ("mean period", "mean_period_s", 1.0, "s")),
 }  # fmt: skip
 NAMES = "part_value_names"
-OF_STOREYS = (FELT.name, EXTRAPOLATED, LATE, SLOWED)
 MOVED = Look("change from the start", RUNS["exp_rths"].color)
 FILTERED_OUT = Look("measured − filtered", VERMILLION, "solid", 0.8)
 
@@ -163,10 +158,16 @@ def own_values(source: Source) -> dict[int, tuple[str, str]]:
     """Return name and units of what parts of the step log of their own, by its row in `part_values`."""
     if not source.holds(f"exp_rths/{NAMES}") or not source.holds("exp_rths/part_values"):
         return {}
+    from rths_cli.control.displacement_interface import FELT
+    from rths_cli.control.interface import LAW_FORCE
+    from rths_cli.control.program_storeys import EXTRAPOLATED, LATE, SLOWED
+    from rths_cli.files.result_reader import read_dataset
+
+    of_storeys = (FELT.name, EXTRAPOLATED, LATE, SLOWED)
     lines = str(read_dataset(source.result.path, f"exp_rths/{NAMES}").data).splitlines()
     told = {place: line[:-1].rpartition(" (") for place, line in enumerate(lines)}
     return {place: (name, units) for place, (name, _, units) in told.items()
-            if name not in OF_STOREYS and not name.startswith(LAW_FORCE)}  # fmt: skip
+            if name not in of_storeys and not name.startswith(LAW_FORCE)}  # fmt: skip
 
 
 def _measures_note(source: Source, title: str, most: int) -> str:

@@ -219,9 +219,10 @@ class CompiledLaw:
 
 @dataclass(frozen=True)
 class CalledLaw(PythonFeedforward):
-    """The same as a Python object."""
+    """The same as a Python object; `why` it is not compiled."""
 
     declares: bool = False
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -475,7 +476,7 @@ def part_of_law(definition: Definition, law: Law, dt_s: float) -> PartDesign:
         )  # fmt: skip
     if adapted is not None:
         raise InputError(f"{FIELD}: {law.name}: a law that adapts (ADAPTS) must be compiled: {function}")
-    return CalledLaw(definition.who, law.in_step, judged, remembers=1, declares=derived is None)
+    return CalledLaw(definition.who, law.in_step, judged, remembers=1, declares=derived is None, why=function)
 
 
 def _placed_at(definition: Definition, law: Law, dt_s: float) -> Callable[[Array | None], Block]:

@@ -191,9 +191,9 @@ def _refuse_slow(feedforward: CalledLaw, dt_s: float, channels: int) -> None:
     seconds = seconds_per_call(feedforward.make().command, channels)
     if seconds > STEP_SHARE * dt_s:
         raise InputError(
-            f"controller: {feedforward.name} takes {1e6 * seconds:.3g} us per step in Python, at most "
-            f"{1e6 * STEP_SHARE * dt_s:.3g} us at {1.0 / dt_s:g} Hz ({STEP_SHARE:g} of the interval); let numba "
-            "compile it (rths plugin test says what is in the way), or lower sample_rate_hz"
+            f"controller: {feedforward.name} takes {1e6 * seconds:.3g} us per step in Python ({feedforward.why}), at "
+            f"most {1e6 * STEP_SHARE * dt_s:.3g} us at {1.0 / dt_s:g} Hz ({STEP_SHARE:g} of the interval); let numba "
+            "compile it, or lower sample_rate_hz"
         )
 
 

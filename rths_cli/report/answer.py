@@ -629,18 +629,23 @@ def storeys_with_laws(result: Result) -> str:
 
 
 def fidelity(result: Result) -> str:
-    """Return the sentence on effective delay and gain of the table and on the largest peak error, "" if not known."""
+    """Return the sentence on effective delay and gain of table or actuator and on the largest peak error, "" if not known."""
     said = []
     delay, gain = (result.metrics.get(f"exp_rths.fei_{name}") for name in ("delay_s", "amplitude"))
     if delay is not None and gain is not None:
         delay_ms, times = 1e3 * float(np.asarray(delay)), float(np.asarray(gain))
         late = f"{three(abs(delay_ms))} ms {'late' if delay_ms >= 0.0 else 'early'}"
-        said.append(f"table {late}, gain {times:.4f} (FEI)")
+        said.append(f"{'actuator' if _by_actuator(result) else 'table'} {late}, gain {times:.4f} (FEI)")
     if (worst := _worst_peak(result)) is not None:
         said.append(f"worst peak error {three(worst[1])} % (storey {worst[0] + 1})")
     sentence = "; ".join(said)
     return f"{sentence[0].upper()}{sentence[1:]}." if said else ""
 
 
+def _by_actuator(result: Result) -> bool:
+    return "exp_rths.tracking_rms_m" in result.metrics  # of a displacement
+
+
 def _next(result: Result) -> str:
-    return f"result {result.path}; more: rths report --full, --figures DIR or --format html"
+    more = "" if _by_actuator(result) else ", --figures DIR or --format html"
+    return f"result {result.path}; more: rths report --full{more}"

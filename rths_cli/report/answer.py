@@ -629,7 +629,7 @@ def storeys_with_laws(result: Result) -> str:
 
 
 def fidelity(result: Result) -> str:
-    """Return the sentence on effective delay and gain of table or actuator and on the largest peak error, "" if not known."""
+    """Return the sentence on delay and gain of table or actuator and on the largest peak error, "" if not known."""
     said = []
     delay, gain = (result.metrics.get(f"exp_rths.fei_{name}") for name in ("delay_s", "amplitude"))
     if delay is not None and gain is not None:

@@ -16,7 +16,7 @@ from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result, read_series
 from rths_cli.laboratory.describe import inspect_structure
-from rths_cli.report.answer import verdict
+from rths_cli.report.answer import answer, verdict
 from rths_cli.rigs.from_case import driver
 
 ROOT = Path(__file__).parents[2]
@@ -45,6 +45,8 @@ def test_the_run_is_sim_and_the_identified_is_the_plant(tmp_path: Path, memory: 
     assert np.abs(measured - sim).max() < 4e-3 * np.abs(sim).max()
     assert np.sqrt(np.mean((shear - true) ** 2)) < 0.01 * np.sqrt(np.mean(true**2))
     assert "stated, none is computed for a displacement interface yet" in verdict(read_result(tmp_path / "a.h5"))
+    told = answer(read_result(tmp_path / "a.h5"))
+    assert "\nActuator 0." in told and "Table" not in told and "--figures" not in told
     found = memory.identify(setup, lambda _: None)
     own = actuator.specimen_of(found)
     assert own.K[0, 0] == pytest.approx(1.19e6, rel=1e-3)

@@ -74,7 +74,8 @@ def _solved(building: Building, dt_s: float, record: Array) -> tuple[Array, floa
         found[2] += ground
         return found
 
-    found, error = _refined(solve, _first(building, dt_s))
+    most = MOST_STEPS * _first(building, dt_s)
+    found, error = _refined(solve, 1 if of_program is _by_opensees else most // MOST_STEPS, most)
     found[2] -= record
     return found, error
 
@@ -121,13 +122,14 @@ def _first(building: Building, dt_s: float) -> int:
     return max(1, int(np.ceil(_highest(building) * dt_s / HIGHEST_RAD)))
 
 
-def _refined(solve: Callable[[int, int], Array], first: int) -> tuple[Array, float]:
+def _refined(solve: Callable[[int, int], Array], first: int, most: int) -> tuple[Array, float]:
     """Return a response (., ., n), and its error relative to the peaks, from steps that were halved until what is
-    extrapolated from the last two is accurate; the first ones are at every fourth and every second sample."""
+    extrapolated from the last two is accurate, or a sample has `most` or more; the first ones are `first` at every
+    fourth and every second sample. An implicit method is stable with one, an explicit one needs what `_first` gives."""
     coarse, fine, steps = solve(2, first), solve(1, first), first
     before, found = extrapolated(solve(4, first), coarse), extrapolated(coarse, fine)
     error = _change(found[..., ::2], before)
-    while error > ACCURATE and steps < MOST_STEPS * first:
+    while error > ACCURATE and steps < most:
         steps, before, coarse = 2 * steps, found, fine
         fine = solve(1, steps)
         found = extrapolated(coarse, fine)

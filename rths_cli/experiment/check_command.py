@@ -695,7 +695,7 @@ def check_cases(
             "controller (kind: state_space)"
             for case in recorded
         ))  # fmt: skip
-    setups = make_setups(cases, overrides, parts=parts, samples=samples)
+    setups = make_setups(cases, overrides, parts=parts, samples=samples, progress=progress)
     for setup in setups:
         refuse_unstable_steps(setup.case, setup.building)
     for setup in setups:

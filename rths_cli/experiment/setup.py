@@ -214,10 +214,11 @@ def make_setup(
     shared: SharedValues | None = None,
     parts: OwnParts | None = None,
     samples: OwnSamples = (),
+    progress: Progress = lambda _: None,
 ) -> Setup:
     """Read the record, and prepare the building and the rig's description; raises InputError.
 
-    With `shared`, cases with the same record or building compute it once.
+    With `shared`, cases with the same record or building compute it once. `progress` is told of what takes long.
     """
     faults = [*_payload_faults(case), *_accept_faults(case), *calibration_faults(case)]
     faults += unserved(case, bool(parts), bool(samples)) if case.structure.experimental.attached else []
@@ -235,7 +236,8 @@ def make_setup(
     )
     if set(case.runs) - {"sim", "sim_delay"}:
         refuse_unstable_steps(case, building)
-        if building.has_program:
+        if building.program is not None:
+            progress(f"SIM of the program: {building.program.description.name}")
             building = _at_met_tangents(case, building, motion, shared)
     masses, info = np.asarray(case.structure.experimental.masses_kg, dtype=float), rig_info(case)
     try:
@@ -404,6 +406,7 @@ def make_setups(
     shared: SharedValues | None = None,
     parts: OwnParts | None = None,
     samples: OwnSamples = (),
+    progress: Progress = lambda _: None,
 ) -> list[Setup]:
     """Read and check all cases completely before the first one starts; raises InputError with all faults.
 
@@ -413,7 +416,7 @@ def make_setups(
     setups, faults = [], []
     for case in cases:
         try:
-            setups.append(make_setup(case, overrides, shared, parts, samples))
+            setups.append(make_setup(case, overrides, shared, parts, samples, progress))
         except InputError as error:
             faults += [fault if _named(case, fault) else placed(case, fault) for fault in error.faults]
     if faults:

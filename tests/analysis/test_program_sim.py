@@ -9,8 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from rths_cli.analysis import program_sim
 from rths_cli.analysis.program_sim import extrapolated, simulate_with_program
 from rths_cli.analysis.sim import simulate
+from rths_cli.numerics.lti import Array
 from rths_cli.programs import Description
 from rths_cli.structure import build
 from rths_cli.structure.programs import ProgramPart, laws_of_program
@@ -63,3 +65,20 @@ def test_a_response_is_exact_and_solved_once(tmp_path: Path) -> None:
     other = simulate_with_program(whole, 1e-3, ground)
     assert len(started.read_text()) > first
     assert np.abs(other.rel_disp_m - found.rel_disp_m).max() > 1e-3 * np.abs(found.rel_disp_m).max()
+
+
+def test_steps_are_halved_from_the_first_to_the_most() -> None:
+    """A method of second and fourth order in closed form: y (1 + a h^2 + b h^4). Each halving leaves a sixteenth."""
+    asked, wave = [], np.sin(0.05 * np.arange(201))[None, None]
+
+    def solve(every: int, steps: int) -> Array:
+        asked.append((every, steps))
+        h = every / steps
+        return np.asarray((wave * (1.0 + 0.01 * h**2 + 0.0004 * h**4))[..., ::every])
+
+    found, error = program_sim._refined(solve, 1, 4)
+    assert asked == [(2, 1), (1, 1), (4, 1), (1, 2)]
+    assert np.abs(found / np.where(wave == 0.0, 1.0, wave) - 1.0)[wave != 0.0].max() < error < program_sim.ACCURATE
+    asked.clear()
+    program_sim._refined(solve, 1, 1)  # most is met before the accuracy
+    assert asked == [(2, 1), (1, 1), (4, 1)]

@@ -182,7 +182,7 @@ def test_what_a_result_does_not_hold_is_left_out_with_a_reason(short, tmp_path, 
     with caplog.at_level(logging.WARNING):
         write_figures([result], tmp_path / "out", "svg")
     *again, replaced = [record.getMessage() for record in caplog.records]
-    assert again == told and replaced.startswith("replaced ") and all(str(path) in replaced for path in paths)
+    assert again == told and replaced.startswith("replaced ") and all(str(path) in replaced for path in paths[:3])
     with pytest.raises(NotDrawn, match="no identification in the result"):
         draw("table_response", result)
 

@@ -75,7 +75,7 @@ def _solved(building: Building, dt_s: float, record: Array) -> tuple[Array, floa
         return found
 
     most = MOST_STEPS * _first(building, dt_s)
-    found, error = _refined(solve, 1 if of_program is _by_opensees else most // MOST_STEPS, most)
+    found, error = refined(solve, 1 if of_program is _by_opensees else most // MOST_STEPS, most)
     found[2] -= record
     return found, error
 
@@ -122,7 +122,7 @@ def _first(building: Building, dt_s: float) -> int:
     return max(1, int(np.ceil(_highest(building) * dt_s / HIGHEST_RAD)))
 
 
-def _refined(solve: Callable[[int, int], Array], first: int, most: int) -> tuple[Array, float]:
+def refined(solve: Callable[[int, int], Array], first: int, most: int) -> tuple[Array, float]:
     """Return a response (., ., n), and its error relative to the peaks, from steps that were halved until what is
     extrapolated from the last two is accurate, or a sample has `most` or more; the first ones are `first` at every
     fourth and every second sample. An implicit method is stable with one, an explicit one needs what `_first` gives."""

@@ -190,8 +190,9 @@ def _refuse_slow(feedforward: CalledLaw, dt_s: float, channels: int) -> None:
     """Raise InputError where a compensator in Python takes more than its share of the interval."""
     seconds = seconds_per_call(feedforward.make().command, channels)
     if seconds > STEP_SHARE * dt_s:
+        why = f" ({feedforward.why})" if feedforward.why else ""
         raise InputError(
-            f"controller: {feedforward.name} takes {1e6 * seconds:.3g} us per step in Python ({feedforward.why}), at "
+            f"controller: {feedforward.name} takes {1e6 * seconds:.3g} us per step in Python{why}, at "
             f"most {1e6 * STEP_SHARE * dt_s:.3g} us at {1.0 / dt_s:g} Hz ({STEP_SHARE:g} of the interval); let numba "
             "compile it, or lower sample_rate_hz"
         )

@@ -76,9 +76,9 @@ def test_steps_are_halved_from_the_first_to_the_most() -> None:
         h = every / steps
         return np.asarray((wave * (1.0 + 0.01 * h**2 + 0.0004 * h**4))[..., ::every])
 
-    found, error = program_sim._refined(solve, 1, 4)
+    found, error = program_sim.refined(solve, 1, 4)
     assert asked == [(2, 1), (1, 1), (4, 1), (1, 2)]
     assert np.abs(found / np.where(wave == 0.0, 1.0, wave) - 1.0)[wave != 0.0].max() < error < program_sim.ACCURATE
     asked.clear()
-    program_sim._refined(solve, 1, 1)  # most is met before the accuracy
+    program_sim.refined(solve, 1, 1)  # most is met before the accuracy
     assert asked == [(2, 1), (1, 1), (4, 1)]
